@@ -9,10 +9,11 @@ from ._denoise import denoise
 from ._errors import TauflowError
 from ._images import EXPOSED, RAW, Image
 from ._items import Item, Node
-from ._open import Pipeline, Results, open, program
+from ._open import Cache, Pipeline, Results, open, program
 from .exr import read_channels, read_layers, write_layers
 
 __all__ = [
+    "Cache",
     "EXPOSED",
     "Image",
     "Item",

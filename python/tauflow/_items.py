@@ -144,6 +144,18 @@ class Item:
         plain = {key: value for key, value in meta.items() if isinstance(value, (int, float, str, bool))}
         return [{**base, **plain}] if plain else []
 
+    def to_xarray(self):
+        """Its images as an xarray.Dataset. Needs xarray.
+
+        A ladder or packed scene has `radiance` (spp, y, x, channel), and `albedo`, `normal` and `variance` where it has
+        them. A single image is `radiance` (y, x, channel), too; of several images, each is a variable by its name. `x`
+        and `y` are centres of pixels. The attributes of radiance are `space` and `exposure`. Raises TauflowError if it
+        has no images.
+        """
+        from ._xarray import of_item
+
+        return of_item(self)
+
     def __repr__(self) -> str:
         return f"<Item {self.key}: {self.media}, {len(self.files)} files>"
 
@@ -195,6 +207,16 @@ class Node(Mapping[str, Item]):
         from ._tables import typed
 
         return typed(self.rows())
+
+    def to_xarray(self):
+        """The images of all items as an xarray.Dataset (see `Item.to_xarray`). Needs xarray.
+
+        The first dimension is `item`, with the coordinates `scene`, `exposure` and the axes of the cells. Raises
+        TauflowError if the items differ in size or images.
+        """
+        from ._xarray import of_items
+
+        return of_items(self._items.values(), self.name)
 
     def __repr__(self) -> str:
         return f"<Node {self.pipeline}/{self.name}.{self.port}: {len(self)} items>"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -65,7 +67,14 @@ class Pipeline:
         if node not in self._nodes:
             folder = os.path.join(self._folder.name, str(len(self._nodes)))
             words = ["export", self.file, node, "-o", folder, *self._raw, *self._options, *self._cache]
-            _run(words)
+            try:
+                _run(words)
+            except TauflowError as error:
+                if "must run first" not in str(error):
+                    raise
+                options = [*self._options, *self._cache, "--target", node.split("[")[0]]
+                again = shlex.join(["tauflow", "run", self.file, *options])
+                raise TauflowError(f"{error}. Command: {again}") from None
             self._nodes[node] = Node(folder, "open the pipeline again", self._folder)
         return self._nodes[node]
 
@@ -106,16 +115,11 @@ class Results:
     def pipeline(self) -> Pipeline:
         """The pipeline of the last run of this name in the cache, with its profile and overrides."""
         if self._pipeline is None:
-            import json
-
             words = ["runs", self.name, "--json", "--last", "1", *(["--cache", self._cache] if self._cache else [])]
             lines = _run(words).splitlines()
             if not lines:
                 raise TauflowError(f"no run of `{self.name}` is recorded in the cache; open the pipeline file instead")
-            run = json.loads(lines[-1])
-            self._pipeline = Pipeline(run["file"], cache=self._cache, raw=self._raw)
-            # A record has options as they were given, such as `--profile tiny`.
-            self._pipeline._options = [word for given in run.get("overrides", []) for word in given.split(" ", 1)]
+            self._pipeline = _pipeline_of(json.loads(lines[-1]), self._cache, self._raw)
         return self._pipeline
 
     def __getitem__(self, node: str) -> Node:
@@ -129,6 +133,54 @@ class Results:
         return f"<Results {self.folder}: {len(self.files)} files, {len(list(self))} nodes>"
 
 
+def _pipeline_of(run: Mapping[str, Any], cache: Optional[str], raw: bool) -> Pipeline:
+    """The pipeline of a recorded run, with its profile and overrides."""
+    pipeline = Pipeline(run["file"], cache=cache, raw=raw)
+    # A record has options as they were given, such as `--profile tiny`.
+    pipeline._options = [word for given in run.get("overrides", []) for word in given.split(" ", 1)]
+    return pipeline
+
+
+class Cache(Mapping[str, Pipeline]):
+    """A cache: the pipelines that ran in it, by name, each as its latest recorded run had it."""
+
+    def __init__(self, folder: str, raw: bool = False):
+        self.folder, self._raw = folder, raw
+        self._latest: Optional[Dict[str, Dict[str, Any]]] = None
+        self._pipelines: Dict[str, Pipeline] = {}
+
+    @property
+    def runs(self) -> Dict[str, Dict[str, Any]]:
+        """The record of the latest run of each pipeline, by its name."""
+        if self._latest is None:
+            lines = _run(["runs", "--json", "--last", "100000", "--cache", self.folder]).splitlines()
+            records = [json.loads(line) for line in lines]
+            records.sort(key=lambda run: (run["started"], run["id"]))
+            self._latest = {run["pipeline"]: run for run in records}
+        return self._latest
+
+    def __getitem__(self, name: str) -> Pipeline:
+        """The pipeline of this name. Raises TauflowError if no run of it is recorded in the cache."""
+        if name not in self._pipelines:
+            if name not in self.runs:
+                have = ", ".join(self.runs) or "none"
+                raise TauflowError(f"{self.folder}: no run of `{name}` is recorded in this cache; it has {have}")
+            self._pipelines[name] = _pipeline_of(self.runs[name], self.folder, self._raw)
+        return self._pipelines[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.runs
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __repr__(self) -> str:
+        return f"<Cache {self.folder}: {', '.join(self) or 'no runs'}>"
+
+
 def open(
     path: Union[str, os.PathLike],
     *,
@@ -136,12 +188,13 @@ def open(
     set: Iterable[str] = (),
     cache: Optional[Union[str, os.PathLike]] = None,
     raw: bool = False,
-) -> Union[Node, Results, Pipeline]:
+) -> Union[Node, Results, Pipeline, Cache]:
     """Opens results.
 
     - A folder that `tauflow export` wrote: its items, a `Node`.
     - A folder of results such as `out/quickstart`: `Results`.
     - A pipeline file: `Pipeline`, with `profile` and `set` as on the command line.
+    - A folder that is a cache: `Cache`, the pipelines that ran in it.
 
     `cache` is the cache folder, by default that of the command. `raw` gives all images as raw radiance.
     Raises TauflowError for anything else, and for what is damaged.
@@ -156,6 +209,9 @@ def open(
         return Node(path, "export it again")
     if os.path.isfile(os.path.join(path, "run.json")):
         return Results(path, read_json(os.path.join(path, "run.json")), cache, raw)
+    if os.path.isfile(os.path.join(path, "FORMAT")) and os.path.isfile(os.path.join(path, "CACHEDIR.TAG")):
+        return Cache(path, raw)
     raise TauflowError(
-        f"{path}: this is neither an export (it has no `manifest.json`) nor a folder of results (no `run.json`)"
+        f"{path}: this is neither an export (it has no `manifest.json`) nor a folder of results (no `run.json`) nor a "
+        "cache (no `CACHEDIR.TAG`)"
     )

@@ -117,8 +117,47 @@ def test_an_export_is_read_and_its_damage_told(tiny, tmp_path):
 def test_what_is_stale_names_the_command(tiny, tmp_path):
     other = tmp_path / "tiny.yaml"
     other.write_text(tiny.file.read_text().replace("rungs: [1, 4, 16]", "rungs: [1, 4, 9]"))
-    with pytest.raises(tauflow.TauflowError, match="run the pipeline"):
+    command = "Command: tauflow run .*tiny.yaml --cache .* --target ladders"
+    with pytest.raises(tauflow.TauflowError, match=f"run the pipeline.*{command}"):
         tauflow.open(other, cache=tiny.cache)["ladders"]
+
+
+def test_a_cache_has_the_pipelines_that_ran_in_it(tiny, tmp_path):
+    cache = tauflow.open(tiny.cache)
+    assert isinstance(cache, tauflow.Cache) and list(cache) == ["tiny"] and "tiny" in cache and "other" not in cache
+    assert cache.runs["tiny"]["outcome"] == "done"
+    ladders = cache["tiny"]["ladders"]
+    assert set(ladders) == set(tauflow.open(tiny.file, cache=tiny.cache)["ladders"])
+    assert ladders[next(iter(ladders))].rung(4).shape == (16, 24, 3)
+    with pytest.raises(tauflow.TauflowError, match="no run of `other` is recorded in this cache; it has tiny"):
+        cache["other"]
+    # What is lost is made again; what is stale names the command.
+    copy = tmp_path / "cache"
+    shutil.copytree(tiny.cache, copy)
+    shutil.rmtree(copy / "blobs")
+    again = tauflow.open(copy)["tiny"]["ladders"]
+    assert [again[key].digest for key in again] == [ladders[key].digest for key in ladders]
+
+
+def test_images_are_datasets_of_xarray(tiny):
+    xarray = pytest.importorskip("xarray")
+    packed = tauflow.open(tiny.file, cache=tiny.cache)["packed"]
+    key = next(iter(packed))
+    item = packed[key].to_xarray()
+    assert isinstance(item, xarray.Dataset) and item.radiance.dims == ("spp", "y", "x", "channel")
+    assert item.spp.values.tolist() == [1, 4, 16] and item.channel.values.tolist() == ["r", "g", "b"]
+    assert item.x.values[0] == 0.5 and item.y.values[-1] == 15.5
+    assert np.array_equal(item.radiance.sel(spp=4).values, packed[key].rung(4).data)
+    assert np.array_equal(item.albedo.values, packed[key].gbuffer()["albedo"])
+    assert item.radiance.attrs["space"] == tauflow.EXPOSED and item.radiance.attrs["exposure"] > 0.0
+    whole = packed.to_xarray()
+    assert whole.radiance.dims == ("item", "spp", "y", "x", "channel") and list(whole.item.values) == list(packed)
+    assert np.array_equal(whole.radiance.sel(item=key, spp=16), packed[key].rung(16).data)
+    assert float(whole.exposure.sel(item=key)) == item.radiance.attrs["exposure"]
+    held = tauflow.open(tiny.file, cache=tiny.cache)["held"].to_xarray()
+    assert set(held["from"].values) == {"1", "4"} and held.sizes["item"] == 2 * len(packed)
+    with pytest.raises(tauflow.TauflowError, match="has no images; its files: value.json|has no images"):
+        tauflow.open(tiny.file, cache=tiny.cache)["scores"].to_xarray()
 
 
 def test_pairs_are_a_dataset_for_pytorch(tiny):

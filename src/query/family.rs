@@ -4,7 +4,7 @@ use super::Selection;
 use crate::ids::{Id, PortId};
 use std::collections::BTreeSet;
 use tauflow_contract::Media as _;
-use tauflow_data::records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, Verdict};
+use tauflow_data::records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, Rollout, Verdict};
 
 /// An output: a node and its port.
 type Output = (usize, PortId);
@@ -24,7 +24,7 @@ pub struct Family {
     pub ladders: BTreeSet<Output>,
     /// G-buffers.
     pub gbuffers: BTreeSet<Output>,
-    /// Refined images, and the stops of bridges.
+    /// Refined images, the states of solvers, and the stops of bridges.
     pub refined: BTreeSet<Output>,
     /// Verdicts of gates.
     pub verdicts: BTreeSet<Output>,
@@ -95,7 +95,7 @@ impl Family {
         family.gbuffers = of_media(read_by_packed.clone(), GBuffer::NAME);
         let of_ladders = family.ladders.iter().flat_map(|(node, _)| graph.makes(*node, &[GBuffer::NAME]));
         family.gbuffers.extend(of_ladders.collect::<Vec<_>>());
-        let images = [Refined::NAME, BridgeSteps::NAME];
+        let images = [Refined::NAME, Rollout::NAME, BridgeSteps::NAME];
         family.refined = graph.made_of(&family.packed, &images);
         family.refined.extend(graph.makes(own.0, &images));
         family.verdicts = graph.made_of(&family.ladders, &[Verdict::NAME]);

@@ -7,7 +7,7 @@ use tauflow_data::{
     time::VarianceTime,
 };
 
-const PIPELINE: &str = "\
+pub(crate) const PIPELINE: &str = "\
 pipeline: small
 nodes:
   scenes:

@@ -1,6 +1,6 @@
 //! `view` writes a page with the images of a node and of its relatives.
 
-use crate::{Place, exports::PIPELINE};
+use crate::{Place, exports::PIPELINE, refining};
 use serde_json::{Value, json};
 use std::fs;
 use tauflow_data::image_io::read_exr;
@@ -72,4 +72,44 @@ fn pixels_of_a_page_are_those_of_the_export() {
         assert!((found - f64::from(*value)).abs() <= stated, "{found}, not {value}, is off by more than {stated}");
     }
     assert!(browser.problems().is_empty(), "{:?}", browser.problems());
+}
+
+#[test]
+fn states_of_a_solver_are_shown_once_they_are_there() {
+    let refined = "  refined:\n    kind: refinement\n    matrix: { like: solvers }\n    inputs: { endpoints: \
+                   set, model: solvers.model }\n    params: { nfe: [1, 3] }\ntargets: [refined]";
+    let place = Place::with(&refining::PIPELINE.replace("targets: [solvers]", refined));
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    let without = place.tauflow(&["view", "small.yaml", "refined", "-o", "without.html"]).ends(0);
+    assert!(without.err.contains("`refined.states` is not up to date; the viewer leaves it out"), "{}", without.err);
+    // Asking for them leaves the results as they are.
+    let run = place.tauflow(&["run", "small.yaml", "--target", "refined.states"]).ends(0);
+    place.tauflow(&["view", "small.yaml", "refined", "-o", "with.html"]).ends(0);
+    let index = index(&place, "with.html");
+    let frames = index["frames"].as_array().expect("frames");
+    let frame = |id: &str| {
+        let place = frames.iter().position(|frame| frame["id"] == json!(id));
+        (place, &frames[place.unwrap_or_else(|| panic!("no {id} in {frames:#?} of {run:?}"))])
+    };
+    let track = "refined: rgb, mc_noise, from 1 spp, states of NFE 3";
+    let (first, state) = frame(&format!("{track}/call 1 of 3"));
+    let own = &index["tracks"][state["track"].as_u64().expect("a number") as usize];
+    assert_eq!((&own["between"], &own["name"]), (&json!(0), &json!(track)));
+    // Dyadic rungs up to 8: the first of three calls ends at 2 spp.
+    let (rung, two) = frame("set: rungs/2 spp");
+    assert!((state["tau"].as_f64().expect("a time") - two["tau"].as_f64().expect("a time")).abs() < 1e-12);
+    assert_eq!((&state["before"], &two["before"]), (&json!(frame("set: rungs/1 spp").0), &state["before"]));
+    assert_eq!(frame(&format!("{track}/call 2 of 3")).1["before"], json!(first));
+    assert!(rung.is_some() && frame(&format!("{track}/call 3 of 3")).1["tau"] == json!(1.0));
+    // The last state is the result, to the bit.
+    place.tauflow(&["export", "small.yaml", "refined", "-o", "refined"]).ends(0);
+    place.tauflow(&["export", "small.yaml", "refined.states", "-o", "states"]).ends(0);
+    let image = |name: &str| {
+        let path = place.path(&format!("{name}.exr"));
+        read_exr(&path).unwrap_or_else(|error| panic!("{error}")).remove("").expect("unnamed")
+    };
+    let scene = index["scenes"][0]["key"].as_str().expect("a key");
+    let result = image(&format!("refined/conditioning=rgb/{scene}/mc_noise-1-to-8-nfe-3"));
+    let state = |call: u64| image(&format!("states/conditioning=rgb/{scene}/mc_noise-1-nfe-3-call-{call:04}"));
+    assert!(state(3) == result && state(2) != result);
 }

@@ -18,6 +18,7 @@ mod model;
 mod packed;
 mod quality;
 mod refined;
+mod rollout;
 mod scene;
 mod scores;
 mod split;
@@ -41,6 +42,7 @@ pub use model::*;
 pub use packed::*;
 pub use quality::*;
 pub use refined::*;
+pub use rollout::*;
 pub use scene::*;
 pub use scores::*;
 pub use split::*;
@@ -71,6 +73,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<ModelFile>(),
     MediaRow::of::<PackedScene>(),
     MediaRow::of::<Refined>(),
+    MediaRow::of::<Rollout>(),
     MediaRow::of::<SampleScores>(),
     MediaRow::of::<SamplingReport>(),
     MediaRow::of::<SceneRecord>(),

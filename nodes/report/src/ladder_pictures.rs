@@ -3,6 +3,7 @@
 //! Knows no score and no HTML.
 
 use crate::{
+    album::rungs_of,
     material::{Cell, cell_of_key},
     montage::{Montage, MontageRow, Picture, reduce},
     ranking::extra,
@@ -80,23 +81,27 @@ fn row(ctx: &Context<'_>, scene: &str, cells: &Scene<'_>, pixels: usize) -> Resu
         };
         ends.push((cell, *ladder, *first, *last));
     }
-    let (_, best, _, most) = *ends.iter().max_by_key(|end| end.3).expect("a scene has a ladder");
+    let (best_cell, best, _, most) = *ends.iter().max_by_key(|end| end.3).expect("a scene has a ladder");
     let last = Ladder::rung(ctx, best, most)?;
     let exposure = KEY / geometric_mean_luminance(&last);
     let reduced = last.width().max(last.height()).div_ceil(pixels.max(1));
-    let shown = |image: &Image| {
+    let shown = |image: &Image, cell: &Cell, spp: u64| {
         let exposed = image.map(|value| (f64::from(value) * exposure) as f32);
-        Picture { image: Some(reduce(&exposed, reduced).map(preview)), psnr: None, frame: String::new() }
+        Picture {
+            image: Some(reduce(&exposed, reduced).map(preview)),
+            psnr: None,
+            frame: format!("{}/{spp} spp", rungs_of(cell)),
+        }
     };
     let (mut heads, mut pictures) = (Vec::new(), Vec::new());
     for (cell, ladder, first, _) in &ends {
         let name = extra(cell);
         let name = if name.is_empty() { String::new() } else { format!("{name}, ") };
         heads.push((Some((*cell).clone()), format!("{name}{first} spp")));
-        pictures.push(shown(&Ladder::rung(ctx, *ladder, *first)?));
+        pictures.push(shown(&Ladder::rung(ctx, *ladder, *first)?, cell, *first));
     }
     heads.push((None, format!("{most} spp")));
-    pictures.push(shown(&last));
+    pictures.push(shown(&last, best_cell, most));
     Ok(Row { heads, pictures, reduced })
 }
 

@@ -3,12 +3,14 @@
 //! Knows other kinds by their artifacts' formats alone, and computes no score: what it prints was measured elsewhere.
 
 mod adapter_report;
+mod album;
 mod contact_sheet;
 mod csv;
 mod font;
 mod gate_sheets;
 mod ladder_pictures;
 mod material;
+mod method_pictures;
 mod montage;
 mod page;
 mod ranking;

@@ -2,14 +2,10 @@
 //!
 //! Knows no HTML.
 
-mod viewer;
-
-pub use viewer::Viewer;
-
 use crate::{
-    font,
+    album, font,
     material::{Cell, cell_of_key},
-    ranking::{Group, conditioning_name, groups, method_name},
+    ranking::{Group, conditioning_name, groups, method_name, with_baselines},
 };
 use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, Items, KindError, Media};
@@ -119,9 +115,7 @@ impl<'a> Pictures<'a> {
     /// As [`Pictures::by_stratum`].
     pub fn opening(&self, methods: &[&MethodTable]) -> Result<Option<Montage>, KindError> {
         let Some(first) = methods.first() else { return Ok(None) };
-        let calls = |table: &MethodTable| {
-            table.at.iter().find(|at| at.nfe == self.choice.nfe).or(table.at.first()).map_or(0, |at| at.nfe)
-        };
+        let calls = |table: &MethodTable| self.calls(table);
         let gain = |scene: &str| {
             let own = score(self.evaluation, scene, &first.cell, calls(first))?;
             Some(own - score(self.evaluation, scene, &Cell::new(), 0)?).filter(|gain| gain.is_finite())
@@ -146,20 +140,29 @@ impl<'a> Pictures<'a> {
         Ok(Some(Montage { title: String::new(), file: String::new(), columns, rows, reduced: ends.reduced }))
     }
 
-    /// One montage for each group of methods that differ in the method alone.
+    /// All methods that have images, where baselines have some; then one montage for each group of solvers that differ
+    /// in the method alone.
     ///
     /// # Errors
     /// If an image is missing from the store or damaged.
     pub fn by_stratum(&self) -> Result<Vec<Montage>, KindError> {
+        let drawn = |table: &&MethodTable| self.images.keys().any(|(cell, _)| *cell == table.cell);
+        let everyone = with_baselines(self.evaluation).into_iter().filter(drawn).collect();
+        let everyone = Group { title: "All methods".into(), slug: "all".into(), tables: everyone };
+        let baselines = self.evaluation.baselines.iter().any(|table| drawn(&table));
+        let own = groups(self.evaluation);
+        let all: Vec<Group<'_>> = baselines.then_some(everyone).into_iter().chain(own).collect();
         let mut out = Vec::new();
-        for Group { title, slug, tables } in groups(self.evaluation) {
+        for (place, Group { title, slug, tables }) in all.into_iter().enumerate() {
             self.ctx.check_cancelled()?;
-            let heads = tables.iter().map(|t| (Some(t.cell.clone()), method_name(&t.method)));
+            let together = baselines && place == 0;
+            let name = |t: &MethodTable| if together { album::track_of(t) } else { method_name(&t.method) };
+            let heads = tables.iter().map(|t| (Some(t.cell.clone()), name(t)));
             let (mut rows, mut reduced) = (Vec::new(), 1);
             for (scene, packed, stratum) in &self.chosen {
                 let ends = self.ends(scene, *packed, self.choice.pixels)?;
                 reduced = ends.reduced;
-                let refined = tables.iter().map(|table| self.refined(scene, &table.cell, self.choice.nfe, reduced));
+                let refined = tables.iter().map(|table| self.refined(scene, &table.cell, self.calls(table), reduced));
                 rows.push(ends.row(scene, stratum.to_string(), refined.collect::<Result<_, _>>()?));
             }
             let (file, columns) = (format!("montage-{slug}.png"), self.columns(heads));
@@ -198,6 +201,11 @@ impl<'a> Pictures<'a> {
         Ok(out)
     }
 
+    /// The number of calls of a method's picture: that of all, or the first that it has.
+    fn calls(&self, table: &MethodTable) -> u64 {
+        table.at.iter().find(|at| at.nfe == self.choice.nfe).or(table.at.first()).map_or(0, |at| at.nfe)
+    }
+
     /// The input, what is between, the reference.
     fn columns(&self, between: impl Iterator<Item = (Option<Cell>, String)>) -> Vec<(Option<Cell>, String)> {
         let input = (None, format!("Input, {} spp", self.evaluation.from_spp));
@@ -213,7 +221,7 @@ impl<'a> Pictures<'a> {
         };
         let image = image.map(|image| reduce(&image, reduced).map(preview));
         let table = self.evaluation.methods.iter().chain(&self.evaluation.baselines).find(|of| of.cell == *cell);
-        let frame = table.map_or_else(String::new, |table| viewer::frame_of(&viewer::track_of(table), nfe));
+        let frame = table.map_or_else(String::new, |table| album::frame_of(&album::track_of(table), nfe));
         Ok(Picture { image, psnr: score(self.evaluation, scene, cell, nfe), frame })
     }
 
@@ -226,7 +234,7 @@ impl<'a> Pictures<'a> {
             Some(reduce(&packed.states[index], reduced).map(preview))
         };
         let psnr = score(self.evaluation, scene, &Cell::new(), 0);
-        let picture = |spp, psnr| Picture { image: rung(spp), psnr, frame: viewer::rung_of(spp) };
+        let picture = |spp, psnr| Picture { image: rung(spp), psnr, frame: album::rung_of(spp) };
         let input = picture(self.evaluation.from_spp, psnr);
         Ok(Ends { input, reference: picture(self.evaluation.reference_spp, None), reduced })
     }

@@ -1,11 +1,13 @@
 #![doc = include_str!("report.md")]
 
 use crate::{
+    album::{Album, Viewer},
     csv,
     gate_sheets::{self, Sheet},
     ladder_pictures,
     material::{self, Cell, Material},
-    montage::{Choice, Montage, Pictures, Viewer},
+    method_pictures::MethodPictures,
+    montage::{Choice, Montage, Pictures},
     page::{Section, page, provenance},
     ranking::{Standing, extra, solver, standings},
     sections::{self, data::gate_counts},
@@ -16,8 +18,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_contract::{
-    Action, Context, FileTree, Files, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
-    Outputs, ParamProblem, WriteFiles, pretty_json,
+    Action, Before, Context, FileTree, Files, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode,
+    Out, Outlook, Outputs, ParamProblem, WriteFiles, pretty_json,
 };
 use tauflow_data::{
     facts::NFE,
@@ -39,6 +41,9 @@ pub struct ReportParams {
     /// Number of scenes per stratum among the images; 0 for no images.
     #[schemars(range(min = 0, max = 20))]
     pub montage_scenes: u64,
+    /// Number of scenes per stratum in the viewer; those of the images on the page are always there.
+    #[schemars(range(min = 0, max = 1000))]
+    pub viewer_scenes: u64,
     /// NFE of the images and the heat map; none for the first evaluated one.
     pub montage_nfe: Option<u64>,
     /// Maximum side of an image in pixels; larger images are reduced by an integer factor.
@@ -58,6 +63,7 @@ impl Default for ReportParams {
             title: "Monte Carlo transport".into(),
             subtitle: String::new(),
             montage_scenes: 1,
+            viewer_scenes: 4,
             montage_nfe: None,
             montage_pixels: 128,
             gate_pictures: 12,
@@ -67,7 +73,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(17), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(18), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -82,6 +88,10 @@ impl Kind for Report {
             outputs: vec![PAGE.port()],
             seeded: false,
         }
+    }
+
+    fn later() -> &'static [Later] {
+        &[Later { pointer: "/viewer_scenes", before: Before::Integer(0) }]
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
@@ -172,6 +182,8 @@ struct Images {
     montages: Vec<Montage>,
     /// Solvers by number of calls.
     by_calls: Vec<Montage>,
+    /// Any methods, on a page without an evaluation.
+    methods: Option<Montage>,
     /// Ladders side by side.
     ladders: Option<Montage>,
     /// What the gate rejected.
@@ -183,7 +195,7 @@ impl Images {
         let params = &action.params;
         let (scenes, pixels) = (params.montage_scenes as usize, params.montage_pixels as usize);
         let nfe = material.evaluation.as_ref().map_or(Ok(0), |evaluation| picture_nfe(evaluation, params))?;
-        let (opening, montages, by_calls, viewer) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
+        let (opening, montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
             (Some(evaluation), Some(references)) if scenes > 0 => {
                 let refined = action.all_if(material::REFINED)?;
                 let choice = Choice { scenes, nfe, pixels };
@@ -191,12 +203,18 @@ impl Images {
                 let first = evaluation.nfe.first().copied().unwrap_or(nfe);
                 let methods = opening_methods(&standings(evaluation, first));
                 let opening = pictures.opening(&methods)?;
-                let more: Vec<String> = opening.iter().flat_map(|of| &of.rows).map(|row| row.scene.clone()).collect();
-                let viewer = pictures.viewer(&params.title, &more, &material.verdicts)?;
-                (opening, pictures.by_stratum()?, pictures.by_calls()?, viewer)
+                (opening, pictures.by_stratum()?, pictures.by_calls()?)
             }
             _ => Default::default(),
         };
+        let (methods, other) = match (action.all_if(material::REFERENCES)?, action.all_if(material::REFINED)?) {
+            (Some(references), Some(refined)) if scenes > 0 && material.evaluation.is_none() => {
+                MethodPictures::new(ctx, references, refined).montages(scenes, pixels)?
+            }
+            _ => Default::default(),
+        };
+        let opening = opening.or(other);
+        let viewer = viewer(ctx, action, material, opening.iter().chain(&montages).chain(&by_calls).chain(&methods))?;
         let ladders = match action.all_if(material::LADDERS)? {
             Some(ladders) if scenes > 0 => ladder_pictures::montage(ctx, ladders, scenes, pixels)?,
             _ => None,
@@ -207,13 +225,35 @@ impl Images {
             }
             _ => Vec::new(),
         };
-        Ok(Self { nfe, viewer, opening, montages, by_calls, ladders, sheets })
+        Ok(Self { nfe, viewer, opening, montages, by_calls, methods, ladders, sheets })
     }
 
     /// Every montage.
     fn all(&self) -> impl Iterator<Item = &Montage> {
-        self.montages.iter().chain(&self.by_calls).chain(&self.ladders)
+        self.montages.iter().chain(&self.by_calls).chain(&self.methods).chain(&self.ladders)
     }
+}
+
+/// The viewer of the scenes on the page and of more; none on a page without images.
+fn viewer<'m>(
+    ctx: &Context<'_>,
+    action: &Action<'_, ReportParams>,
+    material: &Material,
+    shown: impl Iterator<Item = &'m Montage>,
+) -> Result<Option<Viewer>, KindError> {
+    let params = &action.params;
+    if params.montage_scenes == 0 {
+        return Ok(None);
+    }
+    let (packed, refined) = (action.all_if(material::REFERENCES)?, action.all_if(material::REFINED)?);
+    let album = Album::new(ctx, material.evaluation.as_ref(), packed, refined, action.all_if(material::LADDERS)?);
+    let mut first: Vec<String> = Vec::new();
+    for row in shown.flat_map(|montage| &montage.rows) {
+        if !first.contains(&row.scene) {
+            first.push(row.scene.clone());
+        }
+    }
+    album.viewer(&params.title, (&first, params.viewer_scenes as usize), &material.verdicts)
 }
 
 /// The best method, and the best of the other sort: a solver if that is a baseline, and the other way round.
@@ -277,7 +317,7 @@ fn sections(material: &Material, params: &ReportParams, images: &Images) -> Resu
     let all = [
         evaluation.and_then(|of| sections::standings::section(of, of.nfe.first().copied().unwrap_or(0))),
         sections::score_tables::section(&material.tables),
-        sections::score_tables::pictures(images.ladders.as_ref())?,
+        sections::score_tables::pictures([images.methods.as_ref(), images.ladders.as_ref()], images.viewer.as_ref())?,
         evaluation.and_then(|of| sections::claims::section(of, material.bridge_tables())),
         evaluation.and_then(sections::tables::section),
         evaluation.and_then(sections::curves::section),

@@ -4,7 +4,10 @@ mod common;
 
 use common::{extras, run};
 use serde_json::json;
-use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::atomic::AtomicBool,
+};
 use tauflow_contract::{Collection, Context, FileTree, Handle, ItemKey, Media, MemoryBlobs, Silent};
 use tauflow_data::{
     Image,
@@ -354,7 +357,44 @@ fn a_table_and_ladders_need_no_evaluation() {
     let stored = ladder.store(&ctx).expect("in memory").into_artifact();
     inputs.insert("ladders", one("sampler=sobol/L0-open-000000", stored));
     let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
-    assert!(text(&files, "report.html").contains("sampler sobol, 2 spp") && files.contains_key("pictures.png"));
+    let html = text(&files, "report.html");
+    assert!(html.contains("sampler sobol, 2 spp") && files.contains_key("pictures.png"));
+    // The viewer has the ladder, and the variance of its samples.
+    assert!(html.contains("viewer.html#scene=L0%2Dopen%2D000000&amp;a=rungs%3A%20sobol%2F2%20spp"), "{html}");
+    let viewer = text(&files, "viewer.html");
+    assert!(viewer.contains("\"id\":\"rungs: sobol/2 spp\"") && viewer.contains("\"content\":\"variance\""));
+}
+
+#[test]
+fn a_table_shows_the_pictures_of_any_method() {
+    let (blobs, all, _) = whole();
+    let table: ScoreTable = serde_json::from_value(json!({
+        "title": "Methods", "row_axes": 1, "metrics": ["ssim"], "reference_spp": 64, "items": 3, "resamples": 100,
+        "axes": [{ "name": "method", "type": "text", "values": ["oidn"] }], "per_item": [],
+        "cells": [], "formats": { "latex": false }
+    }))
+    .expect("a table");
+    let stop = AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let stored = table.store(&ctx).expect("in memory").into_artifact();
+    let mut inputs: BTreeMap<_, _> = ["references", "refined"].map(|port| (port, all[port].clone())).into();
+    inputs.insert("tables", [(ItemKey::new("table").expect("plain"), stored)].into_iter().collect());
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let html = text(&files, "report.html");
+    check_nesting(&html);
+    assert!(html.contains("<figure class=\"hero\">") && files.contains_key("methods.png"));
+    let (_, section) = html.split_once("<section id=\"pictures\"").expect("pictures");
+    let rows = section.split("</section>").next().expect("its end").matches("<tr title=").count();
+    let strata: BTreeSet<String> = common::scenes().iter().map(|(_, stratum)| stratum.to_string()).collect();
+    assert_eq!(rows, strata.len(), "a scene for each stratum");
+    // The scores are those of the evaluation: the input has the same in both reports.
+    let other = text(&run(&blobs, ReportParams::default(), &all).expect("a report"), "report.html");
+    let captions = |html: &str| -> Vec<String> {
+        let (_, section) = html.split_once("<section id=\"pictures\"").expect("pictures");
+        let first = section.split("<tr title=").nth(1).expect("a row").split("class=\"psnr").skip(1);
+        first.map(|text| text.split('>').nth(1).unwrap_or("").split('<').next().unwrap_or("").to_owned()).collect()
+    };
+    assert_eq!(captions(&html)[0], captions(&other)[0]);
 }
 
 #[test]

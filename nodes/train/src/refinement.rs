@@ -5,7 +5,7 @@ use crate::{
     mirrors::Mirrored,
     model::Model,
     network_calls::NetworkCalls,
-    rollout::{Course, Denoiser, clean_estimate, rollout},
+    rollout::{Course, Denoiser, clean_estimate, rollout, rollout_states},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ use tauflow_data::{
     Image,
     facts::{self, CONDITIONING, HAS_GBUFFER, NFE, RUNGS, SPP},
     methods::{Conditioning, MethodName, Parameterization},
-    records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
+    records::{BridgeClock, ModelFile, PackedScene, Refined, RefinedImage, Rollout, RolloutState, TimedImage, Timing},
     time::TimeGrid,
     timing::{Repeated, machine},
     views::Views,
@@ -142,8 +142,10 @@ const AFTER: Each<Any> =
 
 const MAIN: Group = Group::main(3);
 const MEASURED: Group = Group::new("timing", 3);
+const BETWEEN: Group = Group::new("states", 1);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of network calls.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
+const STATES: Out<Rollout> = Out::new(BETWEEN, "states", "The state after each network call of each rollout.");
 
 impl Kind for Refinement {
     type Params = RefinementParams;
@@ -155,7 +157,7 @@ impl Kind for Refinement {
             manual: include_str!("refinement.md"),
             mode: Mode::Map,
             inputs: vec![ENDPOINTS.port(), MODEL.port(), AFTER.port()],
-            outputs: vec![REFINED.port(), TIMING.port()],
+            outputs: vec![REFINED.port(), TIMING.port(), STATES.port()],
             seeded: false,
         }
     }
@@ -233,6 +235,10 @@ impl Kind for Refinement {
             let timing = timed(ctx, &model, endpoint, gbuffer, &action.params)?;
             return Ok(Outputs::default().put(TIMING, timing.store(ctx)?));
         }
+        if action.group == BETWEEN.name {
+            let states = states(ctx, &model, endpoint, gbuffer, &action.params)?;
+            return Ok(Outputs::default().put(STATES, states.store(ctx)?));
+        }
         let mut images = Vec::new();
         let counts = action.params.nfe.counts();
         for (done, nfe) in counts.iter().enumerate() {
@@ -249,6 +255,34 @@ impl Kind for Refinement {
         }
         Ok(Outputs::default().put(REFINED, Refined { images, note: None }.store(ctx)?))
     }
+}
+
+/// The states of the rollouts of each number of calls.
+fn states(
+    ctx: &Context<'_>,
+    model: &Mirrored<'_>,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    params: &RefinementParams,
+) -> Result<Rollout, KindError> {
+    let (clock, method) = (model.clock(), params.method(model.parameterization()));
+    let mut states = Vec::new();
+    for (done, nfe) in params.nfe.counts().iter().copied().enumerate() {
+        ctx.check_cancelled()?;
+        let course = Course { from: params.from, steps: nfe as usize, grid: params.grid };
+        let own = if params.unknown_count {
+            vec![(1.0, params.refined(model, endpoint, gbuffer, nfe)?)]
+        } else {
+            rollout_states(model, endpoint, gbuffer, course)?
+        };
+        for (calls, (tau, image)) in (1..).zip(own) {
+            let said = RolloutState { method: method.clone(), from_spp: params.from, nfe, calls, tau };
+            states.push((said, image));
+        }
+        ctx.progress(done as u64 + 1, params.nfe.counts().len() as u64, &format!("NFE {nfe}"));
+    }
+    let clock = BridgeClock { n_min: clock.n_min() as u64, n_max: clock.n_max() as u64 };
+    Ok(Rollout { clock, states })
 }
 
 /// The time of each number of calls: one warm-up, then in turns.
@@ -331,7 +365,7 @@ mod tests {
             let params = row.resolve(&json!({ "mirrors": mirrors })).expect("a number of views");
             row.projection(&params)(None, group)
         };
-        for group in [MAIN.name, MEASURED.name] {
+        for group in [MAIN.name, MEASURED.name, BETWEEN.name] {
             assert!(key(1, group).get("mirrors").is_none() && key(2, group) != key(4, group));
         }
     }

@@ -62,6 +62,36 @@ pub fn rollout_to(
     course: Course,
     to: f64,
 ) -> Result<Image, KindError> {
+    walk(model, endpoint, gbuffer, (course, to), &mut |_, _| Ok(()))
+}
+
+/// The states of [`rollout`] after each network call, as exposed linear radiance [H, W, 3], with their variance times.
+/// The last one is its result.
+///
+/// # Errors
+/// As [`rollout`].
+pub fn rollout_states(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    course: Course,
+) -> Result<Vec<(f64, Image)>, KindError> {
+    let mut states = Vec::with_capacity(course.steps);
+    walk(model, endpoint, gbuffer, (course, model.clock().n_max()), &mut |tau, state| {
+        states.push((tau, decode(model, state.clone(), endpoint)?));
+        Ok(())
+    })?;
+    Ok(states)
+}
+
+/// Refines an endpoint, and shows each state in the model's space with its time.
+fn walk(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    gbuffer: Option<&Image>,
+    (course, to): (Course, f64),
+    each: &mut dyn FnMut(f64, &Image) -> Result<(), KindError>,
+) -> Result<Image, KindError> {
     let clock = model.clock();
     if course.steps == 0 {
         return Err(KindError::Input("a rollout of 0 steps; `nfe` counts from 1".into()));
@@ -89,6 +119,7 @@ pub fn rollout_to(
     for pair in times.windows(2) {
         let prediction = model.predict(&state, gbuffer, Some(pair[0]))?;
         state = model.parameterization().step(&state, &prediction, pair[0], pair[1]);
+        each(pair[1], &state)?;
     }
     decode(model, state, endpoint)
 }
@@ -290,6 +321,13 @@ mod tests {
                         let oracle = Oracle::new(kind, space);
                         let end = rollout(&oracle, &noisy(), None, Course { from: 1, steps, grid }).expect("in range");
                         assert_eq!(oracle.calls.get(), steps);
+                        let course = Course { from: 1, steps, grid };
+                        let states = rollout_states(&oracle, &noisy(), None, course).expect("in range");
+                        let times: Vec<f64> = states.iter().map(|(tau, _)| *tau).collect();
+                        assert_eq!(times, oracle.clock().grid(1.0, steps, grid)[1..]);
+                        assert_eq!(states.last().map(|(_, image)| image), Some(&end), "the result");
+                        let falling = states.windows(2).all(|pair| pair[1].1.data()[0] < pair[0].1.data()[0]);
+                        assert!(falling, "from 7 towards 2 in each step");
                         for v in end.data() {
                             assert!((v - 2.0).abs() < 2e-4, "{kind:?} {space:?} {steps}: {v}");
                         }

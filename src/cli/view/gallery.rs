@@ -1,12 +1,15 @@
 //! The images of scenes as frames of a viewer: rungs, refined images, G-buffers, variance.
 
 use super::{CliError, Failure, Sources, unread};
-use crate::{ids::PortId, query::Exposures};
+use crate::{
+    ids::{Id as _, PortId},
+    query::Exposures,
+};
 use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Context, ItemKey, KindError, Media as _};
 use tauflow_data::{
     Image, VarianceTime,
-    records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, RefinedImages, Verdict},
+    records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, RefinedImages, Rollout, Verdict},
 };
 use tauflow_viewer::{Content, Frame, Scene, Track};
 
@@ -22,10 +25,24 @@ pub(super) struct Gallery<'a> {
     frames: Vec<Frame>,
     /// Numbers of tracks by name, and of frames by identity.
     places: BTreeMap<String, usize>,
-    /// The sample count that each frame stands at, if it has one.
-    counts: Vec<Option<u64>>,
+    /// The sample counts that each frame stands at, and that it was made from, if it has any. A solver's state stands
+    /// between two counts.
+    counts: Vec<Counts>,
     /// The frame that is shown first: of the output that was asked for.
     first: Option<usize>,
+}
+
+/// Where a frame stands, and what it was made from, in samples per pixel.
+#[derive(Clone, Copy, Default)]
+struct Counts {
+    at: Option<f64>,
+    from: Option<u64>,
+}
+
+impl Counts {
+    fn rung(count: u64) -> Self {
+        Self { at: Some(count as f64), from: None }
+    }
 }
 
 /// A scene as it grows.
@@ -59,35 +76,57 @@ impl<'a> Gallery<'a> {
     /// that was asked for.
     pub(super) fn first(&self) -> usize {
         let rungs = self.frames.iter().zip(&self.counts).enumerate().filter(|(_, (frame, _))| frame.track == 0);
-        let least = rungs.filter_map(|(place, (_, count))| Some((count.as_ref()?, place))).min();
-        least.map(|(_, place)| place).or(self.first).unwrap_or(0)
+        let least = rungs.filter_map(|(place, (_, counts))| Some((counts.at?, place)));
+        least.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, place)| place).or(self.first).unwrap_or(0)
     }
 
-    /// Frames with their times, and tracks.
+    /// Frames with their times and the frames before them, and tracks.
     pub(super) fn finished(&self) -> (Vec<Frame>, Vec<Track>) {
         // The clock of everything is that of the first ladder.
-        let rungs = self.frames.iter().zip(&self.counts).filter(|(frame, _)| frame.track == 0);
-        let rungs: Vec<u64> = rungs.filter_map(|(_, count)| *count).collect();
-        let ends = rungs.iter().min().zip(rungs.iter().max());
-        let clock = ends.and_then(|(first, last)| VarianceTime::new(*first, *last).ok());
-        let tau = |count: Option<u64>| Some(clock?.tau(count? as f64)).filter(|tau| tau.is_finite());
-        let timed = |(frame, count): (&Frame, &Option<u64>)| Frame { tau: tau(*count), ..frame.clone() };
-        (self.frames.iter().zip(&self.counts).map(timed).collect(), self.tracks.clone())
+        let rungs = self.frames.iter().zip(&self.counts).enumerate().filter(|(_, (frame, _))| frame.track == 0);
+        let rungs: Vec<(f64, usize)> = rungs.filter_map(|(place, (_, counts))| Some((counts.at?, place))).collect();
+        let count = |least: bool| {
+            let counts = rungs.iter().map(|(count, _)| *count);
+            if least { counts.reduce(f64::min) } else { counts.reduce(f64::max) }
+        };
+        let ends = count(true).zip(count(false));
+        let clock = ends.and_then(|(first, last)| VarianceTime::new(first as u64, last as u64).ok());
+        let tau = |count: Option<f64>| Some(clock?.tau(count?)).filter(|tau| tau.is_finite());
+        let rung = |count: u64| rungs.iter().find(|(own, _)| *own == count as f64).map(|(_, place)| *place);
+        let timed = |(place, (frame, counts)): (usize, (&Frame, &Counts))| {
+            // Rungs and states follow each other; other images were made from a rung.
+            let follows = frame.track == 0 || self.tracks[frame.track].between.is_some();
+            let before = if follows { self.kin(place) } else { None };
+            Frame { tau: tau(counts.at), before: before.or(counts.from.and_then(rung)), ..frame.clone() }
+        };
+        (self.frames.iter().zip(&self.counts).enumerate().map(timed).collect(), self.tracks.clone())
+    }
+
+    /// The frame before another of the same track.
+    fn kin(&self, place: usize) -> Option<usize> {
+        let own = &self.frames[place];
+        let earlier = self.frames.iter().enumerate().filter(|(_, of)| of.track == own.track && of.order < own.order);
+        earlier.max_by_key(|(_, of)| of.order).map(|(place, _)| place)
     }
 
     fn track(&mut self, name: &str, space: &str) -> usize {
         let key = format!("track {name}");
         *self.places.entry(key).or_insert_with(|| {
-            self.tracks.push(Track { name: name.to_owned(), space: space.to_owned(), raw: space == RAW });
+            self.tracks.push(Track {
+                name: name.to_owned(),
+                space: space.to_owned(),
+                raw: space == RAW,
+                between: None,
+            });
             self.tracks.len() - 1
         })
     }
 
-    fn frame(&mut self, track: usize, label: &str, content: Content, (order, count): (u64, Option<u64>)) -> usize {
+    fn frame(&mut self, track: usize, label: &str, content: Content, (order, counts): (u64, Counts)) -> usize {
         let id = format!("{}/{label}", self.tracks[track].name);
         *self.places.entry(format!("frame {id}")).or_insert_with(|| {
-            self.frames.push(Frame { id, track, label: label.to_owned(), content, order, tau: None });
-            self.counts.push(count);
+            self.frames.push(Frame { id, track, label: label.to_owned(), content, order, tau: None, before: None });
+            self.counts.push(counts);
             self.frames.len() - 1
         })
     }
@@ -193,7 +232,7 @@ impl<'a> Gallery<'a> {
     }
 
     fn rung(&mut self, track: usize, count: u64) -> usize {
-        self.frame(track, &format!("{count} spp"), Content::Radiance, (count, Some(count)))
+        self.frame(track, &format!("{count} spp"), Content::Radiance, (count, Counts::rung(count)))
     }
 
     /// The rungs of a ladder that is not packed, and the variance of its samples.
@@ -218,13 +257,42 @@ impl<'a> Gallery<'a> {
             }
             let name = self.name(output, &key, "variance");
             let track = self.track(&name, RAW);
-            let frame = self.frame(track, "per sample", Content::Variance, (0, None));
+            let frame = self.frame(track, "per sample", Content::Variance, (0, Counts::default()));
             growing.scene.images.push((frame, ladder.variance));
         }
         Ok(())
     }
 
+    /// The states of a solver between its calls: a track for each rollout.
+    fn states(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        for (key, artifact) in self.items(output, growing.name) {
+            let Rollout { clock, states } = self.read(output, &key, |ctx| Rollout::load(ctx, &artifact))?;
+            let time = VarianceTime::new(clock.n_min, clock.n_max).ok();
+            for (said, image) in states {
+                let method =
+                    if key.as_str().contains(&format!("={}", said.method)) { "" } else { said.method.as_str() };
+                let from = (!key.as_str().contains("from=")).then(|| format!("from {} spp", said.from_spp));
+                let rollout = format!("states of NFE {}", said.nfe);
+                let more = [Some(method), from.as_deref(), Some(&rollout)].into_iter().flatten();
+                let more: Vec<&str> = more.filter(|text| !text.is_empty()).collect();
+                let track = self.track(&self.name(output, &key, &more.join(", ")), EXPOSED);
+                self.tracks[track].between = (track != 0).then_some(0);
+                let at =
+                    if said.calls == said.nfe { Some(clock.n_max as f64) } else { time.map(|t| t.count(said.tau)) };
+                let label = format!("call {} of {}", said.calls, said.nfe);
+                let counts = Counts { at, from: Some(said.from_spp) };
+                let frame = self.frame(track, &label, Content::Radiance, (said.calls, counts));
+                self.begin_at(output, frame);
+                growing.scene.images.push((frame, image));
+            }
+        }
+        Ok(())
+    }
+
     fn refined(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        if self.sources.pipeline.nodes[output.0].spec.outputs[output.1.place()].media == Rollout::NAME {
+            return self.states(output, growing);
+        }
         for (key, artifact) in self.items(output, growing.name) {
             let images: RefinedImages = self.read(output, &key, |ctx| {
                 if artifact.media == Refined::NAME {
@@ -252,7 +320,8 @@ impl<'a> Gallery<'a> {
                 } else {
                     (format!("NFE {}", said.nfe), said.nfe)
                 };
-                let frame = self.frame(track, &label, Content::Radiance, (order, Some(said.to_spp)));
+                let counts = Counts { at: Some(said.to_spp as f64), from: Some(said.from_spp) };
+                let frame = self.frame(track, &label, Content::Radiance, (order, counts));
                 if fresh && output == self.sources.own {
                     self.first = Some(frame);
                 }
@@ -276,7 +345,7 @@ impl<'a> Gallery<'a> {
         for (order, label, content, image) in
             [(0, "albedo", Content::Albedo, albedo), (1, "normal", Content::Normal, normal)]
         {
-            let frame = self.frame(track, label, content, (order, None));
+            let frame = self.frame(track, label, content, (order, Counts::default()));
             if growing.scene.images.iter().all(|(own, _)| *own != frame) {
                 growing.scene.images.push((frame, image));
             }

@@ -83,7 +83,12 @@ fn images(ctx: &Context<'_>) {
     let images = vec![(said(1), image(3, 3.0)), (said(2), image(3, 4.0))];
     round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
     generated(ctx, |value| image(3, value).map(|v| v.clamp(0.0, 1.0)));
-    round_trip(ctx, &BridgeSteps { clock: BridgeClock { n_min: 1, n_max: 4 }, images });
+    let clock = BridgeClock { n_min: 1, n_max: 4 };
+    round_trip(ctx, &BridgeSteps { clock, images });
+    let state = |calls, tau| RolloutState { method: "mc_noise".into(), from_spp: 1, nfe: 2, calls, tau };
+    let states = vec![(state(1, 0.3), image(3, 5.0)), (state(2, 1.0), image(3, 6.0))];
+    let files = round_trip(ctx, &Rollout { clock, states });
+    assert!(files.contains_key("mc_noise-1-nfe-2-call-0001.exr"), "{:?}", files.keys());
 }
 
 /// A sample of a backbone, with frames of one variant.

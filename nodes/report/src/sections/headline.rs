@@ -1,8 +1,9 @@
 //! The head of the page: what was built, and the figures to remember.
 
 use crate::{
+    album::Viewer,
     material::Material,
-    montage::{Montage, Viewer},
+    montage::Montage,
     ranking::{Standing, best_at, conditioning_name, method_name, ordered, standings},
     sections::{montage::linked, resampled},
     text::{count, escape, fixed, plural, png_uri, signed},

@@ -1,7 +1,8 @@
 //! Pictures: strata x methods, and methods x numbers of calls.
 
 use crate::{
-    montage::{Montage, Viewer},
+    album::Viewer,
+    montage::Montage,
     page::{Section, tabs},
     text::{escape, fixed, plural, png_uri},
 };

@@ -1,6 +1,7 @@
 //! Tables of scores by any axes: one tab for each metric, and a chart over a numeric axis of columns.
 
 use crate::{
+    album::Viewer,
     montage::Montage,
     page::{Section, tabs},
     ranking::{Rank, colour, digits, metric_name, rank},
@@ -38,18 +39,35 @@ pub fn section(tables: &[(String, ScoreTable)]) -> Option<Section> {
     Some(Section::new("score-tables", "Scores", body))
 }
 
-/// The pictures of ladders; none without them.
+/// The pictures of methods, and of ladders; none without them.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn pictures(montage: Option<&Montage>) -> Result<Option<Section>, KindError> {
-    let Some(montage) = montage else { return Ok(None) };
-    let body = format!(
-        "<p>The first scenes by number, at the lowest sample count of each cell. The last column shows the largest \
-         sample count, and sets the exposure of its row.</p>{}",
-        grid(montage, None)?
-    );
-    Ok(Some(Section::new("pictures", "Pictures", body)))
+pub fn pictures(
+    [methods, ladders]: [Option<&Montage>; 2],
+    viewer: Option<&Viewer>,
+) -> Result<Option<Section>, KindError> {
+    let mut body = String::new();
+    if let Some(methods) = methods {
+        let _ = write!(
+            body,
+            "<p>The first scenes by number. Captions: HDR PSNR in dB against the reference, with the best of each row \
+             in bold.</p>{}",
+            grid(methods, viewer)?
+        );
+    }
+    if let Some(ladders) = ladders {
+        let _ = write!(
+            body,
+            "<p>The first scenes by number, at the lowest sample count of each cell. The last column shows the largest \
+             sample count, and sets the exposure of its row.</p>{}",
+            grid(ladders, viewer)?
+        );
+    }
+    if viewer.is_some() {
+        let _ = write!(body, "<p><a href=\"{}\">Open the viewer</a> of these scenes.</p>", Viewer::FILE);
+    }
+    Ok(Some(Section::new("pictures", "Pictures", body)).filter(|_| methods.is_some() || ladders.is_some()))
 }
 
 /// The abstract: what the table compares, the best cell by the first metric, and the difference to the reference cell.

@@ -82,6 +82,9 @@ pub struct Track {
     pub space: String,
     /// Whether its values are raw radiance, which has no exposure.
     pub raw: bool,
+    /// For the states of a solver, which nobody rendered: the track of the rungs that they lie between.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub between: Option<usize>,
 }
 
 /// A kind of image that scenes have: a rung, the result of a solver, a G-buffer.
@@ -99,6 +102,9 @@ pub struct Frame {
     pub order: u64,
     /// Its variance time.
     pub tau: Option<f64>,
+    /// The frame that it was made from, or the one before it: their difference is a direction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub before: Option<usize>,
 }
 
 /// A scene with its images.

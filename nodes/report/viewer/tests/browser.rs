@@ -37,17 +37,27 @@ fn wild() -> Image {
 }
 
 fn frames() -> (Vec<Frame>, Vec<Track>) {
-    let track = |name: &str| Track { name: name.into(), space: "exposed linear radiance".into(), raw: false };
+    let track =
+        |name: &str| Track { name: name.into(), space: "exposed linear radiance".into(), raw: false, between: None };
     let frame = |track, label: &str, content, order, tau| {
         let id = format!("{track}/{label}");
-        Frame { id, track, label: label.into(), content, order, tau }
+        Frame { id, track, label: label.into(), content, order, tau, before: None }
     };
     let rungs = [(1, 0.0), (2, 0.4), (16, 1.0)];
     let mut frames: Vec<Frame> =
         rungs.map(|(spp, tau)| frame(0, &format!("{spp} spp"), Content::Radiance, spp, Some(tau))).into();
     frames.push(frame(1, "NFE 1", Content::Radiance, 1, Some(1.0)));
     frames.push(frame(2, "normal", Content::Normal, 0, None));
-    (frames, ["rungs", "refined: mc_noise", "G-buffer"].map(track).into())
+    // A solver that went from the first rung to the last in two calls.
+    for (call, tau) in [(1, 0.6), (2, 1.0)] {
+        frames.push(frame(3, &format!("call {call} of 2"), Content::Radiance, call, Some(tau)));
+    }
+    for (frame, before) in [(1, 0), (2, 1), (3, 0), (5, 0), (6, 5)] {
+        frames[frame].before = Some(before);
+    }
+    let mut tracks: Vec<Track> = ["rungs", "refined: mc_noise", "G-buffer", "states of NFE 2"].map(track).into();
+    tracks[3].between = Some(0);
+    (frames, tracks)
 }
 
 /// Writes a page of so many scenes; small ones have one image.
@@ -56,6 +66,8 @@ fn written(path: &Path, scenes: usize, limit: Option<usize>, small: bool) -> Wri
     let mut page = Page::new(path, limit);
     for number in 0..scenes {
         let mut images = vec![(0, noisy()), (1, wild()), (2, clean()), (3, clean().map(|v| v * 0.5)), (4, noisy())];
+        let half = |a: Image, b: Image| image(|x, y, k| 0.5 * (a.pixel(x, y)[k] + b.pixel(x, y)[k]));
+        images.extend([(5, half(noisy(), clean())), (6, clean())]);
         if small {
             let tiny = |v: usize| Image::from_data(1, 1, 3, vec![v as f32 / 4096.0; 3]).expect("fits");
             images = vec![(0, tiny(number)), (2, tiny(0))];
@@ -133,6 +145,52 @@ fn pixels_on_the_graphics_processor_and_in_the_download_are_those_of_the_image()
         };
         assert!(exr.data().iter().zip(&half.bits).all(same));
     }
+    calm(&browser);
+}
+
+#[test]
+fn states_of_a_solver_stand_between_the_rungs_and_have_directions() {
+    let Some(mut browser) = Browser::start("states of the viewer") else { return };
+    let folder = tempfile::tempdir().expect("temporary files");
+    let page = folder.path().join("page.html");
+    written(&page, 1, None, false);
+    opened(&mut browser, &page, 1400);
+    assert_eq!(browser.eval("document.querySelectorAll('#rail .own').length"), json!(0), "rungs alone");
+    browser.eval("choose('a', 5)");
+    browser.wait("now.a.frame === 5");
+    // The rail: two rungs, and the solver's states at their times. The last rung is where the last state is.
+    let stops = "[...document.querySelectorAll('#rail .stop')].map((e) => [e.className, e.title.split(',')[1]])";
+    let own = json!([
+        ["stop rung", " 1 spp"],
+        ["stop rung", " 2 spp"],
+        ["stop own", " call 1 of 2"],
+        ["stop own", " call 2 of 2"]
+    ]);
+    assert_eq!(browser.eval(stops), own);
+    assert!(browser.eval("$('tracks').textContent").as_str().is_some_and(|text| text.contains("not renders")));
+    // A direction is the signed difference to the state before: of the first state, to the rung that it came from.
+    browser.key("5");
+    browser.wait("state.mode === 'direction' && now.error !== null && now.b !== null && now.b.frame === 0");
+    browser.wait("$('tag-a').textContent === 'Direction to states of NFE 2, call 1 of 2'");
+    assert_eq!(browser.eval("$('tag-b').textContent"), json!("from rungs, 1 spp"));
+    let found = browser.eval("errorAt(7 * 40 + 11)").as_f64().expect("a number");
+    let luma = |of: Image| -> f64 {
+        let pixel = of.pixel(11, 7);
+        [0.2126, 0.7152, 0.0722].iter().zip(pixel).map(|(weight, v)| weight * f64::from(*v)).sum()
+    };
+    let wanted = 0.5 * (luma(clean()) - luma(noisy()));
+    assert!(wanted.abs() > 0.01 && (found - wanted).abs() < 1e-3, "{found}, not {wanted}");
+    // The bar has the range on both sides.
+    let ends = browser.eval("[...$('bar').querySelectorAll('span')].map((e) => e.textContent)");
+    let end = |at: usize| ends[at].as_str().and_then(|text| text.parse::<f64>().ok()).expect("a number");
+    assert!(end(2) > 0.0 && end(0) == -end(2) && ends[1] == json!("Signed difference"), "{ends}");
+    browser.key("ArrowRight");
+    browser.wait("now.a.frame === 6 && now.b !== null && now.b.frame === 5");
+    // The first rung has nothing before it, and the other modes keep their own B.
+    browser.eval("choose('a', 0)");
+    browser.wait("now.a.frame === 0 && now.b === null && !$('message').hidden");
+    browser.key("4");
+    browser.wait("state.mode === 'error' && now.b !== null && now.b.frame === 2 && $('message').hidden");
     calm(&browser);
 }
 
@@ -236,7 +294,7 @@ fn nothing_overflows_and_all_text_can_be_read() {
     written(&page, 5, None, false);
     for width in [400, 900, 1400] {
         opened(&mut browser, &page, width);
-        for mode in ["single", "wipe", "flip", "error"] {
+        for mode in ["single", "wipe", "flip", "error", "direction"] {
             browser.eval(&format!("setMode('{mode}')"));
             assert_eq!(browser.eval(OVERFLOW), json!([]), "{mode} at {width}");
             assert_eq!(browser.eval(CONTRAST), json!([]), "{mode} at {width}");
@@ -313,6 +371,10 @@ fn scenes_are_found_by_stratum_verdict_and_value() {
     let written = written(&page, 4000, Some(0), true);
     assert_eq!(written.folder, Some(folder.path().join("page_files")));
     opened(&mut browser, &page, 1400);
+    // At the start, one scene and the thumbnails in sight are read: 2 to 3 of 4,063 files.
+    browser.wait("$('rows').querySelector('canvas').width !== 48");
+    let read = browser.eval("performance.getEntriesByType('resource').map((e) => e.name.split('/').pop())");
+    assert!(read.as_array().is_some_and(|names| names.len() <= 3), "{read}");
     let count = "$('count').textContent";
     assert_eq!(browser.eval(count), json!("4000 scenes"));
     // Rows are made as they are seen.

@@ -12,6 +12,15 @@ const state = {
 const now = { a: null, b: null, data: null, error: null, token: 0 };
 let canvas = null, timer = 0, asked = false;
 
+/// What the error of A against B is: in the mode of directions, their signed difference.
+const measured = () => state.mode === "direction" ? "signed" : state.measure;
+const maps = () => state.mode === "error" || state.mode === "direction";
+/// The state before a frame, if the scene has it.
+const beforeOf = (data, frame) => {
+  const before = frame === null ? undefined : index.frames[frame].before;
+  return before !== undefined && data.packed[before] ? before : null;
+};
+
 const kindOf = (image) => image ? { radiance: 0, albedo: 1, normal: 2, variance: 3 }[index.frames[image.frame].content] : 0;
 const pixelRatio = () => window.devicePixelRatio || 1;
 const gain = () => 2 ** state.ev;
@@ -32,7 +41,7 @@ async function goTo(number) {
 function choose(side, frame) {
   if (side === "b") {
     state.b = frame;
-    if (state.mode === "single") state.mode = "wipe";
+    if (["single", "direction"].includes(state.mode)) state.mode = "wipe";
   } else {
     state.a = frame;
     if (state.mode === "flip") state.swapped = false;
@@ -55,13 +64,13 @@ async function refresh() {
     const data = await sceneData(scene);
     const a = nearest(data, state.a);
     // Features are compared with what is chosen, but not with the reference by themselves.
-    const b = nearest(data, state.b ?? (a !== null && index.frames[a].content === "radiance" ? defaultB(data) : null));
+    const b = state.mode === "direction" ? beforeOf(data, a) : nearest(data, state.b ?? (a !== null && index.frames[a].content === "radiance" ? defaultB(data) : null));
     const images = await Promise.all([a, b].map((frame) => frame === null ? null : imageOf(data, frame)));
     if (token !== now.token) return;
     const resized = !now.a || images[0].w !== now.a.w || images[0].h !== now.a.h;
     [now.a, now.b] = images;
     now.data = data;
-    tell(images[0] ? "" : "this scene has no image");
+    tell(!images[0] ? "this scene has no image" : state.mode === "direction" && b === null ? "there is no state before this one" : "");
     if (now.b && (now.b.w !== now.a.w || now.b.h !== now.a.h)) now.b = null;
     if (resized || state.fitted) fit();
     now.error = null;
@@ -85,17 +94,17 @@ function defaultB(data) {
 
 /// FLIP takes a while, and is computed only where it is shown.
 function measure() {
-  if (state.mode === "error" || state.measure !== "flip") findError();
+  if (maps() || state.measure !== "flip") findError();
 }
 
 /// The error of A against B by pixel, for statistics, the range of the colours, and FLIP.
 function findError() {
   const { a, b } = now;
   if (!a || !b) return;
-  const count = a.w * a.h, key = [a.id, b.id, state.measure, state.ev, state.tone, state.channel].join(" ");
+  const count = a.w * a.h, key = [a.id, b.id, measured(), state.ev, state.tone, state.channel].join(" ");
   if (now.error && now.error.key === key) return;
   let map;
-  if (state.measure === "flip") {
+  if (measured() === "flip") {
     const side = (image) => (i) => shown([0, 1, 2].map((k) => valueOf(image, i, k)), gain(), state.tone === 4 ? 0 : state.tone).map(unsrgb);
     map = flipMap(side(a), side(b), a.w, a.h);
     canvas.scalar(map, a.w, a.h);
@@ -106,7 +115,7 @@ function findError() {
   const sizes = Float32Array.from(map, Math.abs).filter(Number.isFinite).sort();
   const high = sizes.length ? sizes[Math.min(sizes.length - 1, Math.floor(0.99 * sizes.length))] : 0;
   now.error = { key, map, high: high || sizes[sizes.length - 1] || 1 };
-  if (state.automatic) state.range = state.measure === "flip" ? 1 : Number(now.error.high.toPrecision(2)) || 1;
+  if (state.automatic) state.range = measured() === "flip" ? 1 : Number(now.error.high.toPrecision(2)) || 1;
 }
 
 /// Error of pixel `i`, as the shader has it.
@@ -115,11 +124,12 @@ function errorAt(i) {
   const luma = (v) => 0.2126 * v[0] + 0.7152 * v[1] + 0.0722 * v[2];
   const picked = (v) => state.channel === 0 ? v : Array(3).fill(state.channel === 4 ? luma(v) : v[state.channel - 1]);
   const g = gain(), mean = (v) => (v[0] + v[1] + v[2]) / 3, d = a.map((v, k) => (v - b[k]) * g);
-  if (state.measure === "flip") return now.error ? now.error.map[i] : NaN;
+  const name = measured();
+  if (name === "flip") return now.error ? now.error.map[i] : NaN;
   // A squared difference is picked after it is squared, which is the same but for luminance.
-  if (state.measure === "squared") return mean(picked(d.map((v) => v * v)));
-  if (state.measure === "absolute") return mean(picked(d).map(Math.abs));
-  if (state.measure === "signed") return state.channel === 0 ? luma(d) : picked(d)[0];
+  if (name === "squared") return mean(picked(d.map((v) => v * v)));
+  if (name === "absolute") return mean(picked(d).map(Math.abs));
+  if (name === "signed") return state.channel === 0 ? luma(d) : picked(d)[0];
   const s = picked(a.map((v, k) => v - b[k])), base = picked(b);
   return mean(s.map((v, k) => v * v / (base[k] * base[k] + 0.01)));
 }
@@ -134,7 +144,7 @@ function redraw() {
 function showing() {
   if (!now.b) return 0;
   if (state.mode === "wipe") return 2;
-  if (state.mode === "error") return 3;
+  if (maps()) return 3;
   return state.swapped ? 1 : 0;
 }
 
@@ -145,18 +155,18 @@ function paint() {
   for (const element of [$("gl"), $("over")]) {
     if (element.width !== w || element.height !== h) { element.width = w; element.height = h; }
   }
-  const show = showing(), place = MEASURES.findIndex((one) => one.name === state.measure);
+  const show = showing(), place = MEASURES.findIndex((one) => one.name === measured());
   const variance = kindOf(now.a) === 3;
-  const ramp = show !== 3 ? "viridis" : state.measure === "signed" ? "signed" : "magma";
+  const ramp = show !== 3 ? "viridis" : measured() === "signed" ? "signed" : "magma";
   canvas.draw({
     a: now.a, b: now.b, x: state.x, y: state.y, scale: state.scale, gain: gain(), wipe: state.wipe * w, range: state.range || 1,
     tone: state.tone, channel: state.channel, show, measure: place, kindA: kindOf(now.a), kindB: kindOf(now.b), ramp,
   });
   $("line").hidden = show !== 2;
   $("line").style.left = `${100 * state.wipe}%`;
-  const both = show === 2 || show === 3;
-  $("tag-a").textContent = now.a && (show !== 1) ? (show === 3 ? `Error of ${frameName(now.a.frame)}` : frameName(now.a.frame)) : "";
-  $("tag-b").textContent = now.b && (both || show === 1) ? (show === 3 ? `against ${frameName(now.b.frame)}` : frameName(now.b.frame)) : "";
+  const both = show === 2 || show === 3, [of, from] = state.mode === "direction" ? ["Direction to ", "from "] : ["Error of ", "against "];
+  $("tag-a").textContent = now.a && (show !== 1) ? (show === 3 ? of : "") + frameName(now.a.frame) : "";
+  $("tag-b").textContent = now.b && (both || show === 1) ? (show === 3 ? from : "") + frameName(now.b.frame) : "";
   drawBar(show, ramp, variance);
   drawValues(show);
 }
@@ -169,8 +179,8 @@ function drawBar(show, ramp, variance) {
   const context = $("ramp").getContext("2d"), pixels = new ImageData(256, 1);
   pixels.data.set(RAMPS[ramp]);
   context.putImageData(pixels, 0, 0);
-  const spans = $("bar").querySelectorAll("span"), label = MEASURES.find((one) => one.name === state.measure).label;
-  const ends = show === 3 ? state.measure === "signed" ? [-state.range, label, state.range] : [0, label, state.range]
+  const spans = $("bar").querySelectorAll("span"), label = MEASURES.find((one) => one.name === measured()).label;
+  const ends = show === 3 ? measured() === "signed" ? [-state.range, label, state.range] : [0, label, state.range]
     : variance ? [2 ** -18, "variance x gain²", 2 ** 6] : [2 ** -6, "luminance, log", 2 ** 6];
   ends.forEach((text, i) => { spans[i].textContent = typeof text === "number" ? short(text) : text; });
 }
@@ -228,10 +238,13 @@ function zoom(by, x, y) {
 }
 
 function setMode(mode) {
+  const other = (mode === "direction") !== (state.mode === "direction");
   state.mode = mode;
   state.swapped = false;
   clearInterval(timer);
   if (mode === "flip") timer = setInterval(() => { state.swapped = !state.swapped; showProbe(); redraw(); }, 700);
+  // Directions have a B of their own.
+  if (other) return void refresh();
   measure();
   showPanels();
   redraw();
@@ -273,7 +286,7 @@ function recall() {
   if (scene >= 0) state.scene = scene;
   if (frame(told.get("a")) >= 0) state.a = frame(told.get("a"));
   if (frame(told.get("b")) >= 0) state.b = frame(told.get("b"));
-  if (["single", "wipe", "flip", "error"].includes(told.get("mode"))) state.mode = told.get("mode");
+  if (["single", "wipe", "flip", "error", "direction"].includes(told.get("mode"))) state.mode = told.get("mode");
   if (MEASURES.some((one) => one.name === told.get("measure"))) state.measure = told.get("measure");
   const number = (name, most) => { const v = Number(told.get(name)); return told.has(name) && v >= 0 && v < most ? Math.floor(v) : 0; };
   state.tone = number("tone", TONES.length);

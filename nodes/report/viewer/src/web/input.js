@@ -2,7 +2,7 @@
 
 const KEYS = [
   ["← →", "previous, next state of the same track"], ["↑ ↓", "previous, next track"], ["[ ]", "previous, next scene"],
-  ["1 2 3 4", "A, wipe, flip, error"], ["Space", "swap A and B in sight"], ["E, Shift+E", "exposure up, down by half a stop"],
+  ["1 2 3 4 5", "A, wipe, flip, error, direction"], ["Space", "swap A and B in sight"], ["E, Shift+E", "exposure up, down by half a stop"],
   ["N", "normalize exposure"], ["R", "reset exposure, tone map and channel"], ["T", "next tone map"], ["C", "next channel"],
   ["M", "next measure of error"], ["+ − 0", "zoom in, out, to 100%"], ["F", "fit"], ["B", "compare with the image that is A"],
   ["/", "find a scene"], ["?", "this list"], ["Wheel, pinch", "zoom; pixel values show when pixels are large"], ["Drag", "pan; move the line of the wipe"],
@@ -78,11 +78,12 @@ function listenToPointers() {
 }
 
 function listenToKeys() {
-  const next = (list, at) => (at + 1) % list.length;
+  const next = (list, at) => (at + 1) % list.length, two = () => now.b || state.mode === "direction";
   const actions = {
     ArrowLeft: () => move(-1), ArrowRight: () => move(1), ArrowUp: () => move(-1, true), ArrowDown: () => move(1, true),
     "[": () => step(-1), "]": () => step(1), PageUp: () => step(-1), PageDown: () => step(1),
-    1: () => setMode("single"), 2: () => now.b && setMode("wipe"), 3: () => now.b && setMode("flip"), 4: () => now.b && setMode("error"),
+    1: () => setMode("single"), 2: () => two() && setMode("wipe"), 3: () => two() && setMode("flip"), 4: () => two() && setMode("error"),
+    5: () => now.a && beforeOf(now.data, now.a.frame) !== null && setMode("direction"),
     " ": () => { if (now.b) { const on = !state.swapped; setMode(state.mode === "flip" ? "flip" : "single"); clearInterval(timer); state.swapped = on; redraw(); } },
     e: () => setExposure(state.ev + 0.5), E: () => setExposure(state.ev - 0.5), n: normalize,
     r: () => { state.ev = state.tone = state.channel = 0; changed(); },
@@ -127,7 +128,7 @@ function listenToControls() {
   $("measure").onchange = () => setMeasure($("measure").value);
   $("ev").oninput = () => setExposure(Number($("ev").value));
   $("range").onchange = () => { const v = Number($("range").value); if (v > 0) { state.range = v; state.automatic = false; } changed(); };
-  $("auto").onclick = () => { state.automatic = true; now.error = null; if (state.mode !== "error") setMode("error"); else changed(); };
+  $("auto").onclick = () => { state.automatic = true; now.error = null; if (maps()) changed(); else setMode("error"); };
   $("normal").onclick = normalize;
   $("fit").onclick = fit;
   $("zoom-in").onclick = () => zoom(2);

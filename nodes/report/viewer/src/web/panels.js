@@ -14,8 +14,9 @@ function showPanels() {
   const scene = index.scenes[state.scene];
   $("title").replaceChildren(scene.key, make("small", { textContent: index.title }));
   for (const button of $("modes").children) {
+    const direction = button.dataset.mode === "direction", has = direction ? now.a && beforeOf(now.data, now.a.frame) !== null : now.b || state.mode === "direction";
     button.setAttribute("aria-pressed", button.dataset.mode === (now.b ? state.mode : "single"));
-    button.disabled = button.dataset.mode !== "single" && !now.b;
+    button.disabled = button.dataset.mode !== "single" && !has;
   }
   showTracks();
   showSteps();
@@ -55,7 +56,8 @@ function showTracks() {
       second.setAttribute("aria-pressed", frame === b);
       return make("div", { className: `chip${frame === a ? " a" : ""}${frame === b ? " b" : ""}` }, first, second);
     });
-    return make("div", { className: "track", hidden: !frames.length }, make("b", { textContent: track.name }), make("div", { className: "chips" }, ...chips));
+    return make("div", { className: "track", hidden: !frames.length }, make("b", { textContent: track.name }),
+      ...(track.between === undefined ? [] : [make("small", { textContent: "states of the solver, not renders" })]), make("div", { className: "chips" }, ...chips));
   }));
   const box = $("tracks"), chip = box.querySelector(".chip.a");
   box.scrollTop = scrolled;
@@ -64,17 +66,22 @@ function showTracks() {
   if (top < box.scrollTop || top + chip.offsetHeight > box.scrollTop + box.clientHeight) box.scrollTop = top - box.clientHeight / 2;
 }
 
-/// The rail: the states of A's track at their times, and nothing between them.
+/// The rail: the states of A's track at their times, and nothing between them. States of a solver have the rungs that
+/// they lie between beside them.
 function showSteps() {
   const rail = $("rail");
   if (!now.a) return rail.replaceChildren();
-  const frames = framesOf(index.frames[now.a.frame].track), times = frames.map((frame) => index.frames[frame].tau);
+  const track = index.frames[now.a.frame].track, { between } = index.tracks[track];
+  const tau = (frame) => index.frames[frame].tau;
+  const frames = between === undefined ? framesOf(track)
+    : [...framesOf(between).filter((frame) => framesOf(track).every((own) => Math.abs(tau(own) - tau(frame)) > 1e-6)), ...framesOf(track)].sort((p, q) => tau(p) - tau(q));
+  const times = frames.map((frame) => index.frames[frame].tau);
   const timed = times.every((tau) => tau !== null) && new Set(times).size === times.length;
   let last = -Infinity;
   rail.replaceChildren(...frames.map((frame, i) => {
     const at = timed ? times[i] : frames.length > 1 ? i / (frames.length - 1) : 0;
     const name = make("em", { textContent: index.frames[frame].label });
-    const stop = make("button", { className: `stop${now.b && now.b.frame === frame ? " b" : ""}`, onclick: () => choose("a", frame) }, name);
+    const stop = make("button", { className: `stop${now.b && now.b.frame === frame ? " b" : ""}${between === undefined ? "" : index.frames[frame].track === track ? " own" : " rung"}`, onclick: () => choose("a", frame) }, name);
     stop.style.left = `${100 * Math.min(1, Math.max(0, at))}%`;
     stop.title = `${frameName(frame)}${times[i] === null ? "" : `, tau ${times[i].toFixed(3)}`} ${figure(frame)}`;
     stop.setAttribute("aria-label", stop.title);
@@ -92,8 +99,9 @@ function showSteps() {
     const gap = labels[near] && Math.abs(parseFloat(rail.children[near].style.left) - parseFloat(rail.children[current].style.left));
     if (labels[near] && gap / 100 * rail.clientWidth < 7 * labels[near].textContent.length) labels[near].classList.add("off");
   }
-  $("step-back").disabled = current <= 0;
-  $("step-on").disabled = current >= frames.length - 1;
+  const steps = framesOf(track), place = steps.indexOf(now.a.frame);
+  $("step-back").disabled = place <= 0;
+  $("step-on").disabled = place >= steps.length - 1;
 }
 
 /// Goes along A's track, or to another track.
@@ -109,7 +117,7 @@ function move(by, across) {
 function showError() {
   $("error-box").hidden = !now.b;
   if (!now.b || !now.a) return;
-  $("measure").value = state.measure;
+  $("measure").value = measured();
   $("range").value = Number((state.range || 0).toPrecision(4));
   $("auto").setAttribute("aria-pressed", state.automatic);
   const { a, b } = now, count = a.w * a.h, sums = [0, 0, 0], g = gain();
@@ -124,7 +132,7 @@ function showError() {
   const [mse, relative, absolute] = sums.map((v) => v / (3 * count));
   const rows = [["MSE", short(mse)], ["PSNR, peak 1", mse === 0 ? "equal" : `${short(-10 * Math.log10(mse))} dB`],
     ["relMSE (+0.01)", short(relative)], ["MAE", short(absolute)]];
-  if (state.mode === "error" && state.measure === "flip" && now.error) {
+  if (maps() && measured() === "flip" && now.error) {
     rows.push(["mean FLIP, as displayed", short(now.error.map.reduce((sum, v) => sum + v, 0) / count)]);
   }
   $("stats").replaceChildren(...rows.map(([name, value]) => make("tr", {}, make("th", { textContent: name }), make("td", { textContent: value }))));
@@ -172,7 +180,7 @@ function showProbe() {
   if (now.b) {
     lines.push("  ", make("span", { className: "b", textContent: `B ${text(values(now.b))}` }), "\n",
       make("span", { className: "d", textContent: `A-B ${text(values(now.a).map((v, k) => v - values(now.b)[k]))}` }));
-    if (state.mode === "error" && now.error) lines.push(`  ${MEASURES.find((one) => one.name === state.measure).label.toLowerCase()} ${short(errorAt(i))}`);
+    if (maps() && now.error) lines.push(`  ${MEASURES.find((one) => one.name === measured()).label.toLowerCase()} ${short(errorAt(i))}`);
   }
   probe.replaceChildren(`(${at.x}, ${at.y})  `, ...lines);
 }
