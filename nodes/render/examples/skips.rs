@@ -9,7 +9,7 @@ use exported::{Blobs, read};
 use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{Resolution, Stratum, scene::Scene};
-use tauflow_render::{accumulator::Accumulator, render::Renderer, skips::Skip, world::World};
+use tauflow_render::{accumulator::Accumulator, gbuffer::GBufferSurface, render::Renderer, skips::Skip, world::World};
 
 mod exported;
 
@@ -136,7 +136,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         for _ in 0..ROUNDS {
             on = on.min(pool.install(|| render(&usual, film, spp))?.0);
             let begun = Instant::now();
-            pool.install(|| renderer.gbuffer(0, spp, &mut |_| Ok(())))?;
+            pool.install(|| renderer.gbuffer((0, GBufferSurface::First), spp, &mut |_| Ok(())))?;
             features = features.min(begun.elapsed().as_secs_f64());
         }
         note(Skip::ALL.len(), (on + features) / on, 0.0);

@@ -1,6 +1,6 @@
 #![doc = include_str!("ladder_rendering.md")]
 
-use crate::{accumulator::Accumulator, render::Renderer, until::Until, world::World};
+use crate::{accumulator::Accumulator, gbuffer::GBufferSurface, render::Renderer, until::Until, world::World};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -39,6 +39,7 @@ const LATER: &[Later] = &[
     Later { pointer: "/until", before: Before::Null },
     Later { pointer: "/until/paths", before: Before::Integer(0) },
     Later { pointer: "/integrator", before: Before::Text("path") },
+    Later { pointer: "/gbuffer_surface", before: Before::Text("first") },
 ];
 
 /// Points of a sequence: a sample's index has 32 bits.
@@ -85,6 +86,8 @@ pub struct LadderRenderingParams {
     /// Samples per pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
     pub gbuffer_samples: u64,
+    /// Surface that the G-buffer describes.
+    pub gbuffer_surface: GBufferSurface,
     /// Number of times that `timing` renders the ladder.
     #[schemars(range(min = 1, max = 1000))]
     pub repeats: u64,
@@ -101,6 +104,7 @@ impl Default for LadderRenderingParams {
             sampler: SamplerKind::Independent,
             integrator: IntegratorKind::Path,
             gbuffer_samples: 32,
+            gbuffer_surface: GBufferSurface::First,
             repeats: 3,
             until: None,
         }
@@ -157,14 +161,16 @@ impl Kind for LadderRendering {
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let LadderRenderingParams { rungs, resolution, stream, sampler, integrator, gbuffer_samples, repeats, until } =
-            params;
+        let LadderRenderingParams { rungs, resolution, stream, sampler, integrator, repeats, until, .. } = params;
+        let (gbuffer_samples, gbuffer_surface) = (params.gbuffer_samples, params.gbuffer_surface);
         if group == TIMINGS.name {
             // A ladder that ends by itself is timed to the last rung that is asked for in any case.
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
-                "integrator": integrator, "gbuffer_samples": gbuffer_samples, "repeats": repeats })
+                "integrator": integrator, "gbuffer_samples": gbuffer_samples, "gbuffer_surface": gbuffer_surface,
+                "repeats": repeats })
         } else if group == GBUFFERS.name {
-            json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples })
+            json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples,
+                "gbuffer_surface": gbuffer_surface })
         } else {
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
                 "integrator": integrator, "until": until })
@@ -222,7 +228,8 @@ impl SceneRender<'_> {
 
     fn gbuffer(&self) -> Result<GBuffer, KindError> {
         let samples = self.params.gbuffer_samples;
-        self.renderer(self.world()?, self.params.stream)?.gbuffer(self.params.stream, samples, &mut |done| {
+        let of = (self.params.stream, self.params.gbuffer_surface);
+        self.renderer(self.world()?, self.params.stream)?.gbuffer(of, samples, &mut |done| {
             self.ctx.progress(done, samples, "gbuffer");
             self.ctx.check_cancelled()
         })
@@ -243,7 +250,8 @@ impl SceneRender<'_> {
                 parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;
             }
             let (rendered, samples) = (parts.wall_s.len(), self.params.gbuffer_samples);
-            parts.add(|| renderer.gbuffer(self.params.stream, samples, &mut |_| self.ctx.check_cancelled()))?;
+            let of = (self.params.stream, self.params.gbuffer_surface);
+            parts.add(|| renderer.gbuffer(of, samples, &mut |_| self.ctx.check_cancelled()))?;
             self.ctx.progress(round, self.params.repeats, "rounds");
             // The first round does not count: it reads the scene from a disk, and touches memory for the first time.
             if round == 0 {

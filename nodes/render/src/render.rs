@@ -4,6 +4,7 @@ use crate::{
     accumulator::Accumulator,
     camera::Camera,
     dispatch::kernels,
+    gbuffer::GBufferSurface,
     integrator::{Integrator, LightPaths, Which},
     rng::{FILM, Sampler, render_state},
     stream::{Batch, trace},
@@ -314,7 +315,9 @@ pub fn render_image(
     let says = accumulator.count > 1 && sampler.is_independent() && !until::is_black(&accumulator);
     let error = decided.or_else(|| says.then(own)).filter(|error| error.is_finite());
     let gbuffer = match gbuffer_samples {
-        Some(samples) => Some(renderer.gbuffer(0, samples, &mut |done| watch(Stage::Features(done, samples)))?),
+        Some(samples) => Some(
+            renderer.gbuffer((0, GBufferSurface::First), samples, &mut |done| watch(Stage::Features(done, samples)))?,
+        ),
         None => None,
     };
     let stats = RenderStats {

@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, film, recipe, room};
+use scenes::{Built, balls_under_sky, columns, film, level, recipe, room};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{
@@ -16,8 +16,10 @@ use tauflow_contract::{
 use tauflow_data::{
     Image, Rungs,
     records::{GBuffer, Ladder, SceneRecord},
+    scene::{Bsdf, Geometry, Texture},
 };
 use tauflow_render::{
+    gbuffer::GBufferSurface,
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     render::{Goal, Rendered, Renderer, Setup, render_image},
     world::World,
@@ -150,7 +152,7 @@ fn threads_change_no_bit() {
                     let renderer = Renderer::new(&world, film(33, 21), 0).expect("a film");
                     let mut film = renderer.begin();
                     renderer.advance(&mut film, 9, &mut |_| Ok(())).expect("nothing stops it");
-                    (film, renderer.gbuffer(0, 5, &mut |_| Ok(())).expect("nothing stops it"))
+                    (film, renderer.gbuffer((0, GBufferSurface::First), 5, &mut |_| Ok(())).expect("nothing stops it"))
                 })
             })
             .collect();
@@ -171,6 +173,52 @@ fn streams_are_independent_and_resolutions_apart() {
     let mut reseeded = built;
     reseeded.scene.seed += 1;
     assert_ne!(rung(&run(&blobs, &Silent, &reseeded, dyadic(4), "ladder"), 4), rung(&base, 4));
+}
+
+#[test]
+fn the_gbuffer_looks_through_clear_glass_and_into_mirrors_if_asked() {
+    let blobs = MemoryBlobs::default();
+    let cancel = AtomicBool::new(false);
+    let render = |built: &Built, gbuffer_surface: GBufferSurface| {
+        let params = LadderRenderingParams { resolution: film(32, 32), gbuffer_surface, ..dyadic(1) };
+        let artifact = run(&blobs, &Silent, built, params, "gbuffer");
+        GBuffer::load(&Context::new(&blobs, &Silent, &cancel), &artifact).expect("own artifact")
+    };
+    let open = render(&balls_under_sky(), GBufferSurface::Rough);
+    assert_eq!(open, render(&balls_under_sky(), GBufferSurface::First), "nothing is specular");
+    // A pane before all that is seen, of an index that reflects nothing and bends nothing.
+    let mut built = balls_under_sky();
+    let pane = Bsdf::ThinDielectric {
+        int_ior: 1.0,
+        ext_ior: 1.0,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::rgb([0.5, 1.0, 0.25]),
+    };
+    let pane = built.material(pane);
+    built.shape(Geometry::Rectangle, columns([4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.5, 5.0]), pane);
+    let through = render(&built, GBufferSurface::Rough);
+    assert_ne!(through, render(&built, GBufferSurface::First));
+    let mut seen = 0;
+    for (x, y) in (0..32).flat_map(|y| (0..32).map(move |x| (x, y))) {
+        for c in 0..3 {
+            let (own, tint) = (open.albedo.pixel(x, y)[c], [0.5, 1.0, 0.25][c]);
+            assert!((through.albedo.pixel(x, y)[c] - own * tint).abs() < 1e-4, "{x} {y}");
+            assert!((through.normal.pixel(x, y)[c] - open.normal.pixel(x, y)[c]).abs() < 1e-4, "{x} {y}");
+            seen += usize::from(own > 0.0);
+        }
+    }
+    assert!(seen > 1000, "{seen}");
+    // A mirror as floor shows the balls and, where they are not, the sky, which has no albedo.
+    let mut built = balls_under_sky();
+    let mirror = Bsdf::Conductor { eta: [0.2; 3], k: [3.9; 3], alpha: 0.0, specular_reflectance: Texture::scalar(1.0) };
+    let mirror = built.material(mirror);
+    built.shape(Geometry::Rectangle, level(10.0, [0.0, 0.01, 0.0], true), mirror);
+    let mirrored = render(&built, GBufferSurface::Rough).albedo;
+    let reddest = (0..32)
+        .map(|x| mirrored.pixel(x, 25))
+        .fold([0.0; 2], |most: [f32; 2], p| if p[0] - p[2] > most[0] - most[1] { [p[0], p[2]] } else { most });
+    assert!(reddest[0] > 0.3 && reddest[1] < 0.2, "{reddest:?}");
+    assert_eq!(mirrored.pixel(16, 31), [0.0; 3], "the sky");
 }
 
 #[test]

@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""How much does an unknown or uneven sample count cost the bundled denoiser? Reads the scenes of
+`pipelines/denoiser_test.yaml` of 96 x 96 pixels, and prints gains over the noisy image in dB of HDR PSNR.
+
+    PYTHONPATH=python python3 benches/uneven.py
+
+Uneven images have tiles of 16 x 16 pixels with 1 and with 16 samples per pixel, as a chessboard. They are compared with
+the same tiles, cut out of the two images that were denoised with their counts told. Needs NumPy, and `tauflow` in
+target/release.
+"""
+
+import os
+import sys
+
+REPOSITORY = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+os.environ.setdefault("TAUFLOW", os.path.join(REPOSITORY, "target", "release", "tauflow"))
+
+import numpy
+
+import tauflow
+
+COUNTS = [1, 2, 4, 8, 16, 32]
+# The images of the set have been exposed already.
+PLAIN = {"exposure": 1.0, "normals": "camera"}
+
+
+def error(image, reference):
+    return numpy.mean(numpy.square(numpy.maximum(image, 0) - numpy.maximum(reference, 0), dtype=numpy.float64))
+
+
+def main():
+    scenes = tauflow.open(os.path.join(REPOSITORY, "pipelines", "denoiser_test.yaml"))
+    states, references = scenes["small_set"], scenes["small_references"]
+    rows = {}
+    for item in states:
+        reference = numpy.asarray(references[item.scene].rung(references[item.scene].rungs[-1]))
+        features = numpy.asarray(item.gbuffer())
+        albedo, normal = features[..., :3], features[..., 3:6]
+        told = {}
+        for count in COUNTS:
+            noisy = numpy.asarray(item.rung(count))
+            told[count] = tauflow.denoise(noisy, albedo, normal, spp=count, **PLAIN)
+            untold = tauflow.denoise(noisy, albedo, normal, **PLAIN)
+            rows.setdefault(str(count), []).append([error(image, reference) for image in (noisy, told[count], untold)])
+        height, width = reference.shape[:2]
+        board = numpy.add.outer(numpy.arange(height) // 16, numpy.arange(width) // 16) % 2 == 0
+        mixed = [numpy.where(board[..., None], a, b) for a, b in
+                 [(numpy.asarray(item.rung(1)), numpy.asarray(item.rung(16))), (told[1], told[16])]]
+        found = [mixed[0], mixed[1], tauflow.denoise(mixed[0], albedo, normal, **PLAIN)]
+        rows.setdefault("1 and 16", []).append([error(image, reference) for image in found])
+    print("| samples per pixel | count told | not told | difference |\n|---|---:|---:|---:|")
+    for name, errors in rows.items():
+        noisy, told, untold = (-10 * numpy.log10(numpy.array(errors))).mean(axis=0)
+        print(f"| {name} | {told - noisy:+.2f} | {untold - noisy:+.2f} | {untold - told:+.2f} |")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
