@@ -27,8 +27,8 @@ pub enum GBufferSurface {
     /// The first, mirrors and clear glass included.
     #[default]
     First,
-    /// The first that is no smooth mirror and no clear glass: what is seen in mirrors and behind glass, its albedo tinted
-    /// by them.
+    /// The first that is no smooth mirror and no clear glass: what is seen in mirrors and behind glass. Its albedo is
+    /// tinted by them.
     Rough,
 }
 

@@ -27,7 +27,9 @@ pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen
         // Where no image is sure to be there, there may be no score with this value.
         let sure: Vec<_> =
             sources.iter().zip(&of).filter(|(source, _)| source.facts.get(facts::SPP).is_some()).collect();
-        for name in names.iter().filter(|name| !own.contains(*name) && !placed(name)) {
+        // The axis `from` says the sample count, too: one of both is enough.
+        let twice = |name: &str| (name == SPP && placed("from")) || (name == "from" && placed(SPP));
+        for name in names.iter().filter(|name| !own.contains(*name) && !placed(name) && !twice(name)) {
             let values: BTreeSet<&str> =
                 sure.iter().map(|(_, axes)| axes.get(*name).map_or("", String::as_str)).collect();
             if values.len() > 1 {
@@ -40,7 +42,7 @@ pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen
             }
         }
         for (name, known) in [(SPP, counts(sources, facts::SPP)), (NFE, counts(sources, facts::NFE))] {
-            if let Some(known) = known.filter(|known| known.len() > 1 && !placed(name)) {
+            if let Some(known) = known.filter(|known| known.len() > 1 && !placed(name) && !twice(name)) {
                 let known = quoted(known.iter().map(u64::to_string));
                 let message =
                     format!("the axis `{name}` has the values {known} and is neither in `rows` nor in `columns`");

@@ -62,8 +62,23 @@ fn values(scored: &[Scored<'_>]) -> BTreeMap<String, BTreeSet<String>> {
     names.into_iter().map(|name| (name.clone(), of(name))).collect()
 }
 
+/// Whether all scores of a cell have one value on the axis: the axes of the table determine it, as `from` does `spp`.
+fn determined(scored: &[Scored<'_>], placed: &[&String], name: &str) -> bool {
+    let value = |score: &Scored<'_>, name: &str| score.axes.get(name).cloned().unwrap_or_default();
+    let mut of_cell: BTreeMap<Vec<String>, String> = BTreeMap::new();
+    scored.iter().all(|score| {
+        let cell = placed.iter().map(|name| value(score, name)).collect();
+        let own = value(score, name);
+        *of_cell.entry(cell).or_insert_with(|| own.clone()) == own
+    })
+}
+
 /// Names of the axes of rows, and of those of columns.
-fn chosen(values: &BTreeMap<String, BTreeSet<String>>, params: &TableParams) -> Result<[Vec<String>; 2], KindError> {
+fn chosen(
+    scored: &[Scored<'_>],
+    values: &BTreeMap<String, BTreeSet<String>>,
+    params: &TableParams,
+) -> Result<[Vec<String>; 2], KindError> {
     for (list, names) in [("rows", &params.rows), ("columns", &params.columns)] {
         if let Some(name) = names.iter().find(|name| !values.contains_key(*name)) {
             return Err(KindError::Input(format!(
@@ -78,8 +93,9 @@ fn chosen(values: &BTreeMap<String, BTreeSet<String>>, params: &TableParams) -> 
     } else {
         params.rows.clone()
     };
-    let placed = |name: &&String| rows.contains(name) || params.columns.contains(name);
-    if let Some(name) = values.keys().filter(varies).find(|name| !placed(name)) {
+    let placed: Vec<&String> = rows.iter().chain(&params.columns).collect();
+    let left = |name: &&String| !placed.contains(name) && !determined(scored, &placed, name);
+    if let Some(name) = values.keys().filter(varies).find(left) {
         return Err(KindError::Input(format!(
             "the axis `{name}` has the values {} and is neither in `rows` nor in `columns`; add it, or select one \
              value as in `scores: \"node[{name}=value]\"`",
@@ -111,7 +127,7 @@ pub fn tabulate(
         return Err(KindError::Input(format!("there are no scores to tabulate{why}")));
     }
     let values = values(&scored);
-    let [rows, columns] = chosen(&values, params)?;
+    let [rows, columns] = chosen(&scored, &values, params)?;
     let names: Vec<&String> = rows.iter().chain(&columns).collect();
     let axes: Vec<TableAxis> = names
         .iter()

@@ -96,6 +96,15 @@ fn axes_that_are_unknown_or_left_over_are_refused_by_name() {
 }
 
 #[test]
+fn an_axis_that_others_determine_need_not_be_named() {
+    let of = |from: u64, spp: u64| scores(&format!("from={from}/L0-open-000000"), &[(spp, 1.0)]);
+    let rows = TableParams { rows: vec!["from".into()], ..TableParams::default() };
+    let table = made(&[of(1, 1), of(4, 4)], &rows);
+    assert_eq!((table.axes.len(), table.cells.len()), (1, 2));
+    assert!(refused(&[of(1, 1), of(4, 4), scores("from=4/L0-open-000001", &[(8, 1.0)])], &rows).contains("`spp`"));
+}
+
+#[test]
 fn cells_of_other_items_and_scores_that_meet_are_refused() {
     let mut fewer = samplers();
     fewer.pop();
