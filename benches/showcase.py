@@ -1,42 +1,102 @@
 #!/usr/bin/env python3
 """Draws the first picture of the README: test scenes as a path tracer leaves them, denoised, and the reference.
 
-    PYTHONPATH=python python3 benches/showcase.py docs/showcase.jpg
+    cargo run --release -- run pipelines/denoiser_test.yaml --target huge_table
+    python3 benches/showcase.py docs/showcase.jpg
 
-It reads the largest films of `pipelines/denoiser_test.yaml`, which must have run with the targets `huge_table`,
-`huge_best.timing` and `huge_oidn.timing`. Scenes are the first by key of each of the strata below. Captions are the
-HDR PSNR against the reference, and the median time of the denoiser, G-buffers and loading excluded. It needs NumPy and
+It exports the films of 512 x 512 pixels of `pipelines/denoiser_test.yaml` and measures the time of both denoisers,
+which must run on an idle machine. It shows all scenes of regimes L0 and L1: the reference of 256 samples per pixel is
+clean there. Captions are preview PSNR, and the median time over these scenes, G-buffers and loading excluded. It needs
 Pillow, and `tauflow` in target/release.
 """
 
 import argparse
+import csv
+import glob
+import json
 import os
 import statistics
-import sys
+import subprocess
+import tempfile
 
-REPOSITORY = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-os.environ.setdefault("TAUFLOW", os.path.join(REPOSITORY, "target", "release", "tauflow"))
-
-import numpy
 from PIL import Image, ImageDraw, ImageFont
 
-import tauflow
-
-STRATA = ["L0-enclosed", "L1-open", "L2-environment", "L3-enclosed"]
-FONT = os.path.join(REPOSITORY, "nodes", "report", "viewer", "src", "web", "DejaVuSans.ttf")
-CAPTION, GAP = 34, 6
-
-
-def psnr(image, reference):
-    """Of exposed radiance with peak 1, as `image_metrics` computes it."""
-    error = numpy.maximum(image, 0.0) - numpy.maximum(reference, 0.0)
-    return -10.0 * numpy.log10(numpy.mean(numpy.square(error, dtype=numpy.float64)))
+REPOSITORY = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+PIPELINE = "pipelines/denoiser_test.yaml"
+SCENES = ["L0-enclosed-000000", "L1-enclosed-000001", "L1-environment-000000"]
+CELL = "[from=4,conditioning=gbuffer]"
+CAPTION, GAP = 38, 6
 
 
-def named(node, key, **axes):
-    """The item of a scene in the cell with these axes."""
-    for item in node:
-        own = node[item] if isinstance(item, str) else item
-        if own.key.rsplit("/", 1)[-1] == key and all(str(own.axes.get(name)) == value for name, value in axes.items()):
-            return own
-    sys.exit(f"no item of {key} with {axes}")
+def tauflow(*words, cache):
+    subprocess.run(
+        [os.environ.get("TAUFLOW", "target/release/tauflow"), *words, "--cache", cache],
+        cwd=REPOSITORY, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def picture(folder, node, scene, name):
+    found = sorted(glob.glob(os.path.join(folder, node, "**", scene, name), recursive=True))
+    return Image.open(found[-1]).convert("RGB")
+
+
+def seconds(folder, node):
+    """The median over scenes of the median of the repeats."""
+    medians = []
+    for path in glob.glob(os.path.join(folder, node + ".timing", "**", "*.json"), recursive=True):
+        with open(path, encoding="utf-8") as file:
+            content = json.load(file)
+        if isinstance(content, dict) and any(scene in path for scene in SCENES):
+            medians += [statistics.median(entry["took"]["wall_s"]) for entry in content.get("entries", [])]
+    return statistics.median(medians)
+
+
+def scores(folder):
+    """Preview PSNR by method and scene."""
+    with open(os.path.join(folder, "huge_table", "items.csv"), newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["from"] == "4" and row["conditioning"] == "gbuffer"]
+    return {(row["method"], row["item"].rsplit("/", 1)[-1]): float(row["preview_psnr"]) for row in rows}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out")
+    parser.add_argument("--cache", default="cache")
+    parser.add_argument("--results", default="out/denoiser_test", help="where the run wrote huge_table/items.csv")
+    options = parser.parse_args()
+    cache = os.path.abspath(options.cache)
+    with tempfile.TemporaryDirectory() as folder:
+        for node in ["huge_best", "huge_oidn"]:
+            tauflow("run", PIPELINE, "--target", f"{node}{CELL}.timing", "--out", os.path.join(folder, "out"), cache=cache)
+            tauflow("export", PIPELINE, f"{node}{CELL}.timing", "-o", os.path.join(folder, node + ".timing"), cache=cache)
+            tauflow("export", PIPELINE, node + CELL, "-o", os.path.join(folder, node), cache=cache)
+        for node in ["huge_set", "huge_references"]:
+            tauflow("export", PIPELINE, node, "-o", os.path.join(folder, node), cache=cache)
+        psnr = scores(options.results)
+        columns = [
+            ("4 spp", "huge_set", "spp-000004.png", None),
+            (f"tauflow, {seconds(folder, 'huge_best'):.1f} s", "huge_best", "*.png", "tauflow_best"),
+            (f"OIDN 2.5, {seconds(folder, 'huge_oidn'):.1f} s", "huge_oidn", "*.png", "oidn"),
+            ("256 spp", "huge_references", "spp-*.png", None),
+        ]
+        pictures = [[picture(folder, node, scene, name) for _, node, name, _ in columns] for scene in SCENES]
+    side = pictures[0][0].width
+    font = ImageFont.load_default(26)
+    sheet = Image.new("RGB", (len(columns) * (side + GAP) - GAP, CAPTION + len(SCENES) * (side + GAP) - GAP), "white")
+    draw = ImageDraw.Draw(sheet)
+    for x, (label, *_) in enumerate(columns):
+        draw.text((x * (side + GAP) + side // 2, CAPTION // 2), label, "black", font=font, anchor="mm")
+    for y, (scene, row) in enumerate(zip(SCENES, pictures)):
+        for x, (image, (_, _, _, method)) in enumerate(zip(row, columns)):
+            left, top = x * (side + GAP), CAPTION + y * (side + GAP)
+            sheet.paste(image, (left, top))
+            if method:
+                text = f"{psnr[method, scene]:.1f} dB"
+                box = draw.textbbox((left + 10, top + side - 10), text, font=font, anchor="ls")
+                draw.rectangle((box[0] - 6, box[1] - 6, box[2] + 6, box[3] + 6), fill="black")
+                draw.text((left + 10, top + side - 10), text, "white", font=font, anchor="ls")
+    sheet.save(options.out, quality=88)
+    print(options.out, sheet.size, os.path.getsize(options.out))
+
+
+if __name__ == "__main__":
+    main()

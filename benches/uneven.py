@@ -2,7 +2,7 @@
 """How much does an unknown or uneven sample count cost the bundled denoiser? Reads the scenes of
 `pipelines/denoiser_test.yaml` of 96 x 96 pixels, and prints gains over the noisy image in dB of HDR PSNR.
 
-    PYTHONPATH=python python3 benches/uneven.py
+    PYTHONPATH=python python3 benches/uneven.py [CACHE]
 
 Uneven images have tiles of 16 x 16 pixels with 1 and with 16 samples per pixel, as a chessboard. They are compared with
 the same tiles, cut out of the two images that were denoised with their counts told. Needs NumPy, and `tauflow` in
@@ -29,13 +29,14 @@ def error(image, reference):
 
 
 def main():
-    scenes = tauflow.open(os.path.join(REPOSITORY, "pipelines", "denoiser_test.yaml"))
+    cache = {"cache": sys.argv[1]} if len(sys.argv) > 1 else {}
+    scenes = tauflow.open(os.path.join(REPOSITORY, "pipelines", "denoiser_test.yaml"), **cache)
     states, references = scenes["small_set"], scenes["small_references"]
     rows = {}
-    for item in states:
+    for key in states:
+        item = states[key]
         reference = numpy.asarray(references[item.scene].rung(references[item.scene].rungs[-1]))
-        features = numpy.asarray(item.gbuffer())
-        albedo, normal = features[..., :3], features[..., 3:6]
+        albedo, normal = (numpy.asarray(item.gbuffer()[name]) for name in ("albedo", "normal"))
         told = {}
         for count in COUNTS:
             noisy = numpy.asarray(item.rung(count))

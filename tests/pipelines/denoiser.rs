@@ -25,7 +25,7 @@ fn models_have_the_same_bits_each_time() {
         let run = ["run", "denoiser.yaml", "--profile", "tiny", lock, "--jobs", jobs, "--cache", jobs];
         let text = tauflow(folder.path(), &run);
         assert!(lock != "--locked" || text.contains(".lock agrees"), "{text}");
-        for node in ["fast_rounded", "best_rounded"] {
+        for node in ["fast_model", "best_model"] {
             let out = format!("{jobs}-{node}");
             tauflow(
                 folder.path(),
@@ -33,7 +33,7 @@ fn models_have_the_same_bits_each_time() {
             );
         }
     }
-    for (node, preset) in [("fast_rounded", "fast"), ("best_rounded", "best")] {
+    for (node, preset) in [("fast_model", "fast"), ("best_model", "best")] {
         for conditioning in ["gbuffer", "rgb"] {
             let model = |jobs: &str| {
                 let cell = format!("preset={preset}+conditioning={conditioning}/model/model.safetensors");
