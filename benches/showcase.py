@@ -6,25 +6,26 @@
 
 It exports the films of 512 x 512 pixels of `pipelines/denoiser_test.yaml` and measures the time of both denoisers,
 which must run on an idle machine. It shows all scenes of regimes L0 and L1: the reference of 256 samples per pixel is
-clean there. Captions are preview PSNR, and the median time over these scenes, G-buffers and loading excluded. It needs
-Pillow, and `tauflow` in target/release.
+clean there. Captions are preview PSNR, and the times of `denoiser_times.py` on all cores. OIDN denoises its G-buffers
+first, as its manual recommends. It needs Pillow, and `tauflow` in target/release.
 """
 
 import argparse
 import csv
 import glob
-import json
 import os
-import statistics
 import subprocess
 import tempfile
 
 from PIL import Image, ImageDraw, ImageFont
 
+from denoiser_times import times
+
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PIPELINE = "pipelines/denoiser_test.yaml"
 SCENES = ["L0-enclosed-000000", "L1-enclosed-000001", "L1-environment-000000"]
 CELL = "[from=4,conditioning=gbuffer]"
+OURS, OIDN = "method=tauflow_best+conditioning=gbuffer", "method=oidn_prefiltered"
 CAPTION, GAP = 38, 6
 
 
@@ -37,17 +38,6 @@ def tauflow(*words, cache):
 def picture(folder, node, scene, name):
     found = sorted(glob.glob(os.path.join(folder, node, "**", scene, name), recursive=True))
     return Image.open(found[-1]).convert("RGB")
-
-
-def seconds(folder, node):
-    """The median over scenes of the median of the repeats."""
-    medians = []
-    for path in glob.glob(os.path.join(folder, node + ".timing", "**", "*.json"), recursive=True):
-        with open(path, encoding="utf-8") as file:
-            content = json.load(file)
-        if isinstance(content, dict) and any(scene in path for scene in SCENES):
-            medians += [statistics.median(entry["took"]["wall_s"]) for entry in content.get("entries", [])]
-    return statistics.median(medians)
 
 
 def scores(folder):
@@ -66,16 +56,14 @@ def main():
     cache = os.path.abspath(options.cache)
     with tempfile.TemporaryDirectory() as folder:
         for node in ["huge_best", "huge_oidn"]:
-            tauflow("run", PIPELINE, "--target", f"{node}{CELL}.timing", "--out", os.path.join(folder, "out"), cache=cache)
-            tauflow("export", PIPELINE, f"{node}{CELL}.timing", "-o", os.path.join(folder, node + ".timing"), cache=cache)
             tauflow("export", PIPELINE, node + CELL, "-o", os.path.join(folder, node), cache=cache)
         for node in ["huge_set", "huge_references"]:
             tauflow("export", PIPELINE, node, "-o", os.path.join(folder, node), cache=cache)
-        psnr = scores(options.results)
+        psnr, seconds = scores(options.results), times(cache)
         columns = [
             ("4 spp", "huge_set", "spp-000004.png", None),
-            (f"tauflow, {seconds(folder, 'huge_best'):.1f} s", "huge_best", "*.png", "tauflow_best"),
-            (f"OIDN 2.5, {seconds(folder, 'huge_oidn'):.1f} s", "huge_oidn", "*.png", "oidn"),
+            (f"tauflow, {seconds[OURS]:.1f} s", "huge_best", "*.png", "tauflow_best"),
+            (f"OIDN 2.5, {seconds[OIDN]:.1f} s", "huge_oidn", "*.png", "oidn"),
             ("256 spp", "huge_references", "spp-*.png", None),
         ]
         pictures = [[picture(folder, node, scene, name) for _, node, name, _ in columns] for scene in SCENES]
