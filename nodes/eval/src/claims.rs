@@ -1,9 +1,9 @@
 //! Claims about Monte Carlo Transport Scheduling, each tested against the results.
 //!
 //! A claim is differences that must be above 0, each with its paired interval over scenes. Cells that differ only in
-//! the coordinate `draw` are trainings of the same solver: a difference is the mean over draws, and also has an interval
-//! over draws. Its deviation is pooled over all differences of a claim in the same metric, because single cells have
-//! few draws.
+//! the coordinate `draw` are trainings of the same solver: a difference is the mean over draws, and has an interval
+//! over draws, too. Its deviation is pooled over all differences of a claim in the same metric, because single cells
+//! have few draws.
 //!
 //! Knows means by cell, NFE and metric; a claim without the cells that it is about is left out.
 
@@ -13,7 +13,7 @@ use tauflow_data::{
     maths::log,
     methods::{
         Conditioning, Parameterization,
-        axes::{CONDITIONING, DRAW, PARAMETERIZATION},
+        axes::{CONDITIONING, DRAW, METHOD, PARAMETERIZATION},
     },
     records::{Claim, ClaimVerdict, Estimate, Evidence, METRICS},
 };
@@ -135,7 +135,7 @@ pub(crate) fn claims(curves: &[Curve<'_>], baselines: &[Curve<'_>], resampled: &
             }
             let mut even = start("MC noise matches or exceeds traditional baselines");
             for baseline in baselines.iter().filter(|baseline| comparable(own, baseline)) {
-                let name = baseline.cell.get("method").or_else(|| baseline.cell.get(PARAMETERIZATION));
+                let name = baseline.cell.get(METHOD).or_else(|| baseline.cell.get(PARAMETERIZATION));
                 let name = name.map_or("the baseline", String::as_str);
                 for metric in JUDGED_BY {
                     for step in ends(own.nfe) {
@@ -200,7 +200,7 @@ pub(crate) fn claims(curves: &[Curve<'_>], baselines: &[Curve<'_>], resampled: &
         if pairs.is_empty() {
             continue;
         }
-        let all = pairs.iter().flat_map(|(own, rivals)| rivals.iter().map(|other| both(own, other)));
+        let all = pairs.iter().flat_map(|(own, rivals)| rivals.iter().map(move |other| both(own, other)));
         let (draws, settings) = (all.min().unwrap_or(1), pairs.len() * JUDGED_BY.len());
         let lowest: Figure<'_> = Box::new(move |means, draw| {
             let is_lowest = |own: &Solver<'_>, rivals: &[&Solver<'_>], metric: &'static str| {

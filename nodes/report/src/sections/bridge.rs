@@ -96,7 +96,9 @@ fn order(method: &str) -> (bool, bool, usize) {
 fn summary(bridge: &Bridge, stop: &str) -> String {
     let mut rows: Vec<_> = bridge.summary.iter().filter(|s| s.stop == stop).collect();
     rows.sort_by_key(|s| (order(&s.method), s.method.clone()));
-    let column: Vec<Option<f64>> = rows.iter().map(|r| Some(r.psnr.mean)).collect();
+    // References are no methods that one could choose.
+    let own = |method: &str| !BridgeMethod::of(method).reference;
+    let column: Vec<Option<f64>> = rows.iter().map(|r| own(&r.method).then_some(r.psnr.mean)).collect();
     let ranks = rank(&column, true, 2);
     let mut out = String::from(
         "<table class=\"wide\"><thead><tr><th>Method</th><th>Cases</th><th>PSNR (dB)</th><th>Gain over \
