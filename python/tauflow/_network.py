@@ -125,7 +125,12 @@ def bases(light, sides=(5, 3, 3, 3)):
 
 
 def channels(info):
-    return 15 if info["conditioning"] == "gbuffer" else 6
+    wide, narrow = {"contrast": (15, 6), "plain": (9, 3)}[info.get("features", "contrast")]
+    return wide if has_gbuffer(info) else narrow
+
+
+def has_gbuffer(info):
+    return info["conditioning"] == "gbuffer"
 
 
 def shapes(preset, channels, output="means"):
@@ -219,6 +224,8 @@ def features(info, state, gbuffer):
     radiance = signed_expm1(state) if info["space"] == "log1p" else state
     albedo = torch.ones_like(state) if gbuffer is None else gbuffer[:, :3].clamp(min=0) + BLACK
     light = radiance / albedo
+    if info.get("features") == "plain":
+        return torch.cat([state] if gbuffer is None else [state, gbuffer], 1), light, albedo
     seen = signed_log1p(light)
     mean = around(seen)
     spread = (mean.abs() + around((seen - mean).abs())).expm1() - mean.abs().expm1()
@@ -247,13 +254,29 @@ def gain(info, tau):
     if tau is None:
         return -1.0
     first, last, count = ladder(info, tau)
-    unit = first**-0.5 - last**-0.5
-    return {
-        "mc_noise": count / last - 1,
-        "mc_velocity": unit * (count**0.5 + count / last**0.5),
-        "local_velocity": 2 * unit * count**0.5,
-        "vanilla_rf": min(1 / max(1 - tau, 1e-9), STEEPEST),
-    }[info["parameterization"]]
+    unit, kind, rest = first**-0.5 - last**-0.5, info["parameterization"], min(max(1 - tau, 0.0), 1.0)
+    if kind == "mc_noise":
+        return count / last - 1
+    if kind == "mc_velocity":
+        return unit * (count**0.5 + count / last**0.5)
+    # Files of earlier versions lack the field, and keep the factors that they were trained with.
+    if info.get("law", "limits") == "limits":
+        return 2 * unit * count**0.5 if kind == "local_velocity" else min(1 / max(1 - tau, 1e-9), STEEPEST)
+    if kind == "local_velocity":
+        return unit * count**0.5 * (1 + ratio(info["counts"], count))
+    return rest * (1 - first / last) / (rest**2 + (1 - rest**2) * first / last)
+
+
+def ratio(counts, count):
+    """sqrt(n/next) at a sample count, linear in log n between rungs."""
+    steps = [(math.log(n), (n / after) ** 0.5) for n, after in zip(counts, counts[1:])]
+    log = math.log(count)
+    if log <= steps[0][0]:
+        return steps[0][1]
+    for (a, low), (b, high) in zip(steps, steps[1:]):
+        if log <= b:
+            return low + (high - low) * (log - a) / (b - a)
+    return steps[-1][1]
 
 
 def predict(info, net, state, gbuffer, tau):
@@ -265,7 +288,7 @@ def predict(info, net, state, gbuffer, tau):
     whole = multiple(info["preset"])
     beyond = (0, -width % whole, 0, -height % whole)
     plane = lambda x: F.pad(x.permute(2, 0, 1)[None], beyond, mode="replicate")
-    state, gbuffer = plane(state), plane(gbuffer) if channels(info) == 15 else None
+    state, gbuffer = plane(state), plane(gbuffer) if has_gbuffer(info) else None
     shown, light, albedo = features(info, state, gbuffer)
     with torch.inference_mode():
         found = net(shown, clock(info, tau), bases(light, sides(info["preset"])), albedo, state, gain(info, tau))

@@ -134,6 +134,11 @@ def load(path) -> Solver:
     weights, notes = _safetensors.read(path)
     try:
         info = json.loads(json.loads(notes["tauflow"])["model"])
+        known = {"features": ("contrast", "plain"), "law": ("limits", "covariances")}
+        unknown = [f"`{field}: {info[field]}`" for field, of in known.items() if info.get(field, of[0]) not in of]
+        if unknown:
+            told = f"{path}: the model has {unknown[0]}, which this version does not know; update `tauflow`"
+            raise TauflowError(told)
         plan, output = (info["preset"], _network.channels(info)), info.get("output", "means")
         expected = _network.shapes(*plan, output)
         net = _network.network(*plan, output, info["space"] == "log1p")

@@ -39,6 +39,20 @@ nodes:
     matrix: { conditioning: [rgb, gbuffer] }
     inputs: { train: packed }
     params: { preset: fast, steps: 2, batch: 2, crop: 16, space: log1p, output: shaded_means, unknown_counts: 0.5 }
+  plain:
+    kind: training
+    matrix:
+      parameterization: [vanilla_rf, mc_noise]
+      conditioning: [rgb, gbuffer]
+      space: [linear, log1p]
+      output: [values, means]
+    inputs: { train: packed }
+    params: { preset: tiny, steps: 2, batch: 2, crop: 16, features: plain }
+  older:
+    kind: training
+    matrix: { parameterization: [vanilla_rf, local_velocity] }
+    inputs: { train: packed }
+    params: { preset: tiny, steps: 2, batch: 2, crop: 16, conditioning: rgb, law: limits }
 """
 
 
@@ -51,7 +65,8 @@ def place(tmp_path_factory):
         done = subprocess.run([tauflow.program(), *map(str, words)], cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
-    command("run", "learned.yaml", "--cache", "cache", "--target", "solvers", "--target", "local")
+    targets = ["--target", "solvers", "--target", "local", "--target", "plain", "--target", "older"]
+    command("run", "learned.yaml", "--cache", "cache", *targets)
     command("checkpoints", "learned.yaml", "--cache", "cache", "-o", "models")
     command("export", "learned.yaml", "packed", "--cache", "cache", "-o", "packed")
     return folder, command
@@ -62,7 +77,7 @@ def place(tmp_path_factory):
 def test_images_are_those_of_refine(place, parameterization, conditioning):
     folder, command = place
     cell = f"parameterization={parameterization}+conditioning={conditioning}"
-    model = next(path for path in folder.glob("models/**/model.safetensors") if cell in str(path))
+    model = next(path for path in folder.glob("models/solvers*/**/model.safetensors") if cell in str(path))
     solver = tauflow.torch.load(model)
     assert solver.counts == [1, 4, 16]
     item = next(iter(tauflow.open(folder / "packed").values()))
@@ -98,9 +113,47 @@ def test_unknown_counts_are_those_of_refine(place, conditioning):
         solver.refine(image, gbuffer=gbuffer, nfe=2)
 
 
+def same_as_refine(place, model):
+    folder, command = place
+    solver, item = tauflow.torch.load(model), next(iter(tauflow.open(folder / "packed").values()))
+    layers, image = item.gbuffer(), item.rung(1)
+    gbuffer = None
+    if solver.info["conditioning"] == "gbuffer":
+        gbuffer = np.concatenate([layers["albedo"], layers["normal"]], axis=-1)
+    words = ["--gbuffer", item.path("gbuffer.exr")] if gbuffer is not None else []
+    for nfe in [1, 3]:
+        command("refine", model, image.path, "--from-spp", 1, "--nfe", nfe, "-o", "out.exr", *words)
+        expected = tauflow.read_layers(str(folder / "out.exr"))[""]
+        found = solver.refine(image, 1, gbuffer=gbuffer, nfe=nfe)
+        assert np.abs(found - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
+    return solver
+
+
+def test_plain_features_and_earlier_laws_are_those_of_refine(place):
+    folder, _ = place
+    plain = sorted(folder.glob("models/plain*/**/model.safetensors"))
+    older = sorted(folder.glob("models/older*/**/model.safetensors"))
+    assert (len(plain), len(older)) == (16, 2)
+    for model in plain:
+        info = same_as_refine(place, model).info
+        exact = info["parameterization"] == "vanilla_rf" and info.get("output", "means") == "means"
+        assert (info["features"], info.get("law")) == ("plain", "covariances" if exact else None)
+    for model in older:
+        assert "law" not in same_as_refine(place, model).info
+
+
+def test_a_model_of_a_later_version_is_told(place, tmp_path):
+    folder, _ = place
+    content = next(folder.glob("models/plain*/**/model.safetensors")).read_bytes()
+    (tmp_path / "later.safetensors").write_bytes(content.replace(b"plain", b"fancy"))
+    with pytest.raises(TauflowError, match="later.safetensors: the model has `features: fancy`"):
+        tauflow.torch.load(tmp_path / "later.safetensors")
+
+
 def test_what_does_not_fit_is_told(place, tmp_path):
     folder, _ = place
-    model = next(path for path in folder.glob("models/**/model.safetensors") if "conditioning=gbuffer" in str(path))
+    models = folder.glob("models/solvers*/**/model.safetensors")
+    model = next(path for path in models if "conditioning=gbuffer" in str(path))
     solver, image = tauflow.torch.load(model), np.ones((8, 8, 3), np.float32)
     with pytest.raises(TauflowError, match="pass `gbuffer`"):
         solver.refine(image, 1)

@@ -1,6 +1,7 @@
 //! Pipelines of the real kinds, from the file to the results.
 
 mod adapter;
+mod bridge;
 mod denoiser;
 mod digests;
 mod edits;

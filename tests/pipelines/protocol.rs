@@ -64,9 +64,23 @@ fn the_benchmark_is_the_papers_protocol() {
         is(ladders, "/resolution", json!([256, 256]));
     }
     is("solvers", "/steps", json!(60_000));
+    for (param, value) in [("space", "linear"), ("output", "values"), ("loss", "squared"), ("features", "plain")] {
+        is("solvers", &format!("/{param}"), json!(value));
+    }
+    is("solvers", "/rung_exponent", json!(0.0));
+    is("solvers", "/unknown_counts", json!(0.0));
     is("bridge_ladders", "/rungs", json!([1, 2, 3, 4, 5, 6, 7, 8, 9, 10]));
     is("bridge_scenes", "/test", json!(10));
+    // All eight cells in the paper's setting and in ours, which differ in nothing else.
     assert_eq!(params(&pipeline, "solvers").len(), 8);
+    let shared = |params: &Value| {
+        let mut params = params.as_object().expect("fields").clone();
+        params.retain(|name, _| !["space", "output", "features"].contains(&name.as_str()));
+        params
+    };
+    let cells = |node: &str| params(&pipeline, node).into_iter().map(shared).collect::<Vec<_>>();
+    assert_eq!(cells("solvers"), cells("own_solvers"));
+    is("own_solvers", "/output", json!("means"));
     for cell in params(&pipeline, "refined") {
         assert_eq!((&cell["nfe"], &cell["from"]), (&json!([1, 2, 9, 20, 50]), &json!(1)));
     }

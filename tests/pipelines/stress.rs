@@ -149,8 +149,8 @@ fn hazards_go_through_every_kind() {
     assert!(convergence.overall.rmse.iter().chain(&convergence.overall.law).all(|v| v.is_finite() && *v > 0.0));
     assert_eq!(done.read::<SceneStatistics>("statistics").len(), tested);
     let bridge = done.only::<BridgeFiles>("bridge").bridge;
-    // Three methods at 1 -> 2, 2 -> 3 and 1 -> 3.
-    assert_eq!((bridge.rows.len(), bridge.cases.len()), (9, 9 * tested));
+    // Eight methods at 1 -> 2, 2 -> 3 and 1 -> 3.
+    assert_eq!((bridge.rows.len(), bridge.cases.len()), (24, 24 * tested));
     let timed: TimeError = done.only("time_error");
     assert_eq!(timed.methods.len(), 3);
     for point in timed.methods.iter().flat_map(|of| &of.points) {

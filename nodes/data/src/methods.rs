@@ -15,8 +15,51 @@ pub const GBUFFER: &str = "gbuffer";
 pub const HOLD: &str = "hold";
 /// Open Image Denoise among methods.
 pub const OIDN: &str = "oidn";
-/// Steps of `local_velocity` along the rungs of a bridge.
+/// Steps of `local_velocity` along the rungs of a bridge, one Euler step for each sample.
 pub const LOCAL_STEP: &str = "local_step";
+/// The same, where each step adds the whole predicted difference to twice as many samples.
+pub const LOCAL_DELTA: &str = "local_delta";
+/// A stop of a bridge at the expectation of the rung, given the endpoint.
+pub const EXPECTATION: &str = "expectation";
+/// The same, with the noise of the samples that are yet to come.
+pub const STOCHASTIC: &str = "stochastic";
+
+/// A method of the bridge between rungs: a rule, the space in which it moves images, and the estimate that it uses.
+///
+/// Its name is the rule, with `+log1p` if images are moved in that space, and with `+reference` if a held-out reference
+/// stands in the network's place: `mc_noise+log1p+reference`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct BridgeMethod<'a> {
+    /// Whether a held-out reference stands in the network's place.
+    pub reference: bool,
+    /// Whether images are moved in the space `log1p`, instead of linear radiance.
+    pub log: bool,
+    /// The rule, such as [`LOCAL_DELTA`].
+    pub rule: &'a str,
+}
+
+const IN_LOG: &str = "+log1p";
+const BY_REFERENCE: &str = "+reference";
+
+impl<'a> BridgeMethod<'a> {
+    /// The method of this name.
+    pub fn of(name: &'a str) -> Self {
+        let (name, reference) = name.strip_suffix(BY_REFERENCE).map_or((name, false), |rest| (rest, true));
+        let (rule, log) = name.strip_suffix(IN_LOG).map_or((name, false), |rest| (rest, true));
+        Self { reference, log, rule }
+    }
+
+    /// Its name in tables and files.
+    pub fn name(self) -> String {
+        let suffix = |is: bool, text| if is { text } else { "" };
+        format!("{}{}{}", self.rule, suffix(self.log, IN_LOG), suffix(self.reference, BY_REFERENCE))
+    }
+
+    /// The name of its space.
+    pub fn space(self) -> &'static str {
+        if self.log { "log1p" } else { "linear" }
+    }
+}
 
 /// Axes of matrices by which tables tell cells apart, as in `parameterization=mc_noise+conditioning=rgb`.
 pub mod axes {
@@ -30,6 +73,8 @@ pub mod axes {
     pub const FROM: &str = "from";
     /// The method, where it is no parameterization.
     pub const METHOD: &str = "method";
+    /// The draw of a training: its initial weights and batches.
+    pub const DRAW: &str = "draw";
     /// How samples were drawn: see [`crate::SamplerKind`].
     pub const SAMPLER: &str = "sampler";
 }
@@ -143,6 +188,20 @@ impl Conditioning {
 mod tests {
     use super::*;
     use serde_json::{from_value, json, to_value};
+
+    #[test]
+    fn methods_of_the_bridge_are_named_after_rule_space_and_estimate() {
+        for rule in [HOLD, LOCAL_STEP, LOCAL_DELTA, EXPECTATION, STOCHASTIC, Parameterization::McNoise.name()] {
+            for (log, reference) in [(false, false), (false, true), (true, false), (true, true)] {
+                let method = BridgeMethod { rule, log, reference };
+                let name = method.name();
+                assert_eq!(BridgeMethod::of(&name), method);
+                assert!(MethodName::new(name).is_ok());
+            }
+        }
+        let method = BridgeMethod { rule: LOCAL_DELTA, log: true, reference: true };
+        assert_eq!((method.name().as_str(), method.space()), ("local_delta+log1p+reference", "log1p"));
+    }
 
     #[test]
     fn names_of_methods_can_be_in_names_of_files() {

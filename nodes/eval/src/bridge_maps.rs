@@ -11,8 +11,11 @@
 //!   white. The scale s is the mean difference of hold, which so lies at t = 1/2.
 //!
 //! Both scales are shared by all panels of a picture. Knows nothing of the method that made an image.
+//!
+//! A strip shows one stop of one method in five panels: I_k, the stop, the real I_m, the update of the method, and the
+//! absolute difference of the stop to the real I_m; the last two in the colours above.
 
-use tauflow_data::{DataError, Image, image_io::encode_png};
+use tauflow_data::{DataError, Image, image::preview, image_io::encode_png};
 
 /// White lines between panels, in pixels.
 const GAP: usize = 2;
@@ -52,20 +55,60 @@ fn mean_difference(v: [f64; 3]) -> f64 {
     (v[0].abs() + v[1].abs() + v[2].abs()) / 3.0
 }
 
+/// Scales of the colours of a stop.
+struct Scales {
+    /// Root mean square of the real update.
+    rms: f64,
+    /// Mean difference of hold.
+    mean: f64,
+}
+
+impl Scales {
+    fn of(start: &Image, real: &Image, others: &[&Image]) -> Result<Self, DataError> {
+        if real.channels() != 3 || !real.same_shape(start) || others.iter().any(|i| !i.same_shape(real)) {
+            return Err(DataError::Format("the images of a bridge stop differ in size, or have not 3 channels".into()));
+        }
+        let pixels = real.width() * real.height();
+        let count = pixels.max(1) as f64;
+        let updates = (0..pixels).map(|p| subtract(real, start, p));
+        let rms = (updates.clone().map(|d| length(d) * length(d)).sum::<f64>() / count).sqrt();
+        let mean = updates.map(mean_difference).sum::<f64>() / count;
+        Ok(Self { rms, mean })
+    }
+}
+
+/// The strip of a stop as PNG bytes: from `start`, I_k, to `stopped`, where `real` is I_m.
+///
+/// # Errors
+/// If the images differ in size or have not three channels.
+pub fn strip(start: &Image, stopped: &Image, real: &Image) -> Result<Vec<u8>, DataError> {
+    let Scales { rms, mean } = Scales::of(start, real, &[stopped])?;
+    let (width, height) = (real.width(), real.height());
+    let mut sheet = Image::new(5 * (width + GAP) - GAP, height, 3);
+    sheet.data_mut().fill(1.0);
+    for p in 0..width * height {
+        let shown = |image: &Image| -> [f32; 3] { [0, 1, 2].map(|c| preview(image.data()[3 * p + c])) };
+        let panels = [
+            shown(start),
+            shown(stopped),
+            shown(real),
+            direction_colour(subtract(stopped, start, p), rms),
+            difference_colour(mean_difference(subtract(stopped, real, p)), mean),
+        ];
+        for (column, colour) in panels.into_iter().enumerate() {
+            sheet.pixel_mut(column * (width + GAP) + p % width, p / width).copy_from_slice(&colour);
+        }
+    }
+    encode_png(&sheet)
+}
+
 /// The picture of a stop as PNG bytes: from `start`, I_k, to `real`, I_m; `stepped` are the methods' images.
 ///
 /// # Errors
 /// If the images differ in size or have not three channels.
 pub fn stop_map(start: &Image, real: &Image, stepped: &[&Image]) -> Result<Vec<u8>, DataError> {
-    if real.channels() != 3 || !real.same_shape(start) || stepped.iter().any(|i| !i.same_shape(real)) {
-        return Err(DataError::Format("the images of a bridge stop differ in size, or have not 3 channels".into()));
-    }
+    let Scales { rms, mean } = Scales::of(start, real, stepped)?;
     let pixels = real.width() * real.height();
-    let count = pixels.max(1) as f64;
-    let updates = (0..pixels).map(|p| subtract(real, start, p));
-    let rms = (updates.clone().map(|d| length(d) * length(d)).sum::<f64>() / count).sqrt();
-    let mean = updates.map(mean_difference).sum::<f64>() / count;
-
     let (width, height) = (real.width(), real.height());
     let columns = 1 + stepped.len();
     let mut sheet = Image::new(columns * (width + GAP) - GAP, 2 * height + GAP, 3);
@@ -110,6 +153,9 @@ mod tests {
         // Width 3 x 8 + 2 gaps, height 2 x 4 + 1 gap, in the header's big-endian words.
         assert_eq!((png[19], png[23]), (28, 10));
         assert!(stop_map(&start, &real, &[&Image::new(4, 4, 3)]).is_err());
+        let strips = strip(&start, &stepped, &real).expect("three channels");
+        assert_eq!((strips[19], strips[23]), (5 * 8 + 4 * 2, 4));
+        assert!(strip(&start, &Image::new(4, 4, 3), &real).is_err());
         let grey = Image::new(8, 4, 1);
         assert!(stop_map(&grey, &grey, &[]).is_err());
     }

@@ -14,8 +14,8 @@ use std::{
 use tauflow_contract::KindError;
 use tauflow_data::{
     VarianceTime,
-    methods::{HOLD, LOCAL_STEP, Parameterization},
-    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence},
+    methods::{BridgeMethod, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization},
+    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence, Moments, MomentsRow},
 };
 
 /// A scene's cases, each with its fraction, by kind of stop, sample count before, and method.
@@ -38,7 +38,16 @@ pub fn fraction(time: VarianceTime, k: u64, m: u64) -> Result<f64, KindError> {
     Ok((time.tau(m as f64) - tau) / (1.0 - tau))
 }
 
-/// The columns of hold and of a method at one stop.
+/// Columns of a case: its PSNR, and four moments, which are 0 without a reference.
+const FIGURES: usize = 5;
+
+fn figures(case: &BridgeCase) -> [f64; FIGURES] {
+    let none = Moments { variance: 0.0, real_variance: 0.0, covariance: 0.0, real_covariance: 0.0 };
+    let Moments { variance, real_variance, covariance, real_covariance } = case.moments.unwrap_or(none);
+    [value(case), variance, real_variance, covariance, real_covariance]
+}
+
+/// The first columns of hold and of a method at one stop.
 struct Column<'a> {
     stop: &'static str,
     from: u64,
@@ -65,38 +74,64 @@ fn columns(scenes: &[SceneCases]) -> Result<Vec<Column<'_>>, KindError> {
         let hold = keys.iter().position(|k| (k.0, k.1, k.2.as_str()) == (*stop, *from, HOLD)).ok_or_else(|| {
             KindError::Input(format!("`steps` has no image of `{HOLD}` at the {stop} stop from {from} samples"))
         })?;
-        columns.push(Column { stop, from: *from, method, at, hold });
+        columns.push(Column { stop, from: *from, method, at: at * FIGURES, hold: hold * FIGURES });
     }
     Ok(columns)
 }
 
-/// At each kind of stop MC noise is said to be above hold and above the local step.
-fn claims(columns: &[Column<'_>], resampled: &Resampled) -> Vec<Claim> {
+/// What the paper says of MC noise at each kind of stop, and how it compares with Euler steps; in each space.
+///
+/// The paper's local step adds the predicted difference to the next rung at each stop: [`LOCAL_DELTA`].
+fn claims(columns: &[Column<'_>], setting: &BTreeMap<String, String>, resampled: &Resampled) -> Vec<Claim> {
     let stops: BTreeSet<&str> = columns.iter().map(|c| c.stop).collect();
-    let claim = |stop: &str| {
-        let of = |method: &str| -> Vec<usize> {
-            columns.iter().filter(|c| (c.stop, c.method) == (stop, method)).map(|c| c.at).collect()
+    let claim = |statement: &str, over: &[&str], (stop, log): (&str, bool)| {
+        let of = |rule: &str| -> Vec<usize> {
+            let method = BridgeMethod { reference: false, log: log && rule != HOLD, rule }.name();
+            columns.iter().filter(|c| (c.stop, c.method) == (stop, method.as_str())).map(|c| c.at).collect()
         };
         let own = of(Parameterization::McNoise.name());
-        let above = |method: &str| {
-            let other = of(method);
+        let above = |rule: &&str| {
+            let other = of(rule);
             let mean = |means: &[f64], of: &[usize]| of.iter().map(|at| means[*at]).sum::<f64>() / of.len() as f64;
             (!own.is_empty() && other.len() == own.len()).then(|| Evidence {
-                what: format!("over {method}"),
+                what: format!("over {rule}"),
                 metric: "hdr_psnr".into(),
                 difference: resampled.estimate(|means| mean(means, &own) - mean(means, &other)),
+                draws: None,
             })
         };
-        let evidence = [HOLD, LOCAL_STEP].into_iter().filter_map(above).collect();
-        let group = BTreeMap::from([("stop".to_owned(), stop.to_owned())]);
-        crate::claims::claim("Between rungs MC noise is above hold and the local step", &group, Some(evidence))
+        // A claim over several methods says nothing without one of them.
+        let evidence = over.iter().map(above).collect::<Option<Vec<Evidence>>>();
+        let mut group = setting.clone();
+        group.insert("stop".to_owned(), stop.to_owned());
+        group.insert("moved_in".to_owned(), BridgeMethod { reference: false, log, rule: HOLD }.space().to_owned());
+        crate::claims::claim(statement, &group, evidence)
     };
-    stops.into_iter().filter_map(claim).collect()
+    let cases = || stops.iter().flat_map(|stop| [(*stop, false), (*stop, true)]);
+    let best = cases()
+        .filter_map(|of| claim("Between rungs MC noise is above hold and the local delta", &[HOLD, LOCAL_DELTA], of));
+    let euler = cases().filter_map(|of| claim("Between rungs MC noise is above local Euler steps", &[LOCAL_STEP], of));
+    best.chain(euler).collect()
 }
 
 /// A case's PSNR as it enters means.
 fn value(case: &BridgeCase) -> f64 {
     bounded("hdr_psnr", case.psnr)
+}
+
+/// Moments of the case whose columns start at `at`; none where real rungs do not vary, or without references.
+fn moments(at: usize, resampled: &Resampled) -> Option<MomentsRow> {
+    let [variance, real_variance, covariance, real_covariance] = [1, 2, 3, 4].map(|figure| at + figure);
+    let column = |column: usize| resampled.estimate(|means| means[column]);
+    let excess = |own: usize, real: usize| resampled.estimate(|means| means[own] / means[real] - 1.0);
+    (column(real_variance).low > 0.0 && column(real_covariance).low > 0.0).then(|| MomentsRow {
+        variance: column(variance),
+        real_variance: column(real_variance),
+        excess: excess(variance, real_variance),
+        covariance: column(covariance),
+        real_covariance: column(real_covariance),
+        covariance_excess: excess(covariance, real_covariance),
+    })
 }
 
 /// Sums up the cases of all scenes, which go by these names and are of these groups.
@@ -106,14 +141,14 @@ fn value(case: &BridgeCase) -> f64 {
 pub fn summarise(
     scenes: &[SceneCases],
     (names, groups): (&[&str], &Groups),
-    n_max: u64,
+    (n_max, setting): (u64, &BTreeMap<String, String>),
     resamples: u64,
     seed: u64,
 ) -> Result<Bridge, KindError> {
     let columns = columns(scenes)?;
-    let mut table = Table::new(columns.len());
+    let mut table = Table::new(columns.len() * FIGURES);
     for (scene, name) in scenes.iter().zip(names) {
-        let row: Vec<f64> = scene.values().map(|(_, case)| value(case)).collect();
+        let row: Vec<f64> = scene.values().flat_map(|(_, case)| figures(case)).collect();
         table.push(groups.of(name)?, &row);
     }
     let resampled = Resampled::new(&table, resamples as usize, seed)
@@ -127,6 +162,7 @@ pub fn summarise(
         fraction: *fraction,
         psnr: resampled.estimate(|m| m[column.at]),
         gain: resampled.estimate(|m| m[column.at] - m[column.hold]),
+        moments: moments(column.at, &resampled),
     };
     let rows = columns.iter().zip(scenes[0].values()).map(row).collect();
 
@@ -154,7 +190,8 @@ pub fn summarise(
         n_max,
         scenes: table.scenes() as u64,
         groups: groups.count(names.iter().copied())?,
-        claims: claims(&columns, &resampled),
+        setting: setting.clone(),
+        claims: claims(&columns, setting, &resampled),
         rows,
         summary,
         cases: scenes.iter().flat_map(|scene| scene.values().map(|(_, case)| case.clone())).collect(),
@@ -165,12 +202,18 @@ pub fn summarise(
 pub fn csv(bridge: &Bridge) -> String {
     let fractions: BTreeMap<(&str, u64), f64> =
         bridge.rows.iter().map(|r| ((r.stop.as_str(), r.from_spp), r.fraction)).collect();
-    let mut out = String::from("scene,stop,method,from_spp,to_spp,fraction,psnr,direction\n");
+    let mut out = String::from(
+        "scene,stop,method,from_spp,to_spp,fraction,psnr,direction,variance,real_variance,covariance,real_covariance\n",
+    );
     for case in &bridge.cases {
-        let BridgeCase { scene, stop, method, from_spp, to_spp, psnr, direction } = case;
+        let BridgeCase { scene, stop, method, from_spp, to_spp, psnr, direction, moments } = case;
         let fraction = fractions[&(stop.as_str(), *from_spp)];
         let direction = direction.map_or_else(String::new, |d| d.to_string());
-        writeln!(out, "{scene},{stop},{method},{from_spp},{to_spp},{fraction},{psnr},{direction}")
+        let moments = moments.map_or_else(
+            || ",,,".to_owned(),
+            |m| format!("{},{},{},{}", m.variance, m.real_variance, m.covariance, m.real_covariance),
+        );
+        writeln!(out, "{scene},{stop},{method},{from_spp},{to_spp},{fraction},{psnr},{direction},{moments}")
             .expect("a string takes any text");
     }
     out

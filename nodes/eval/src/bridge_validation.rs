@@ -1,7 +1,7 @@
 #![doc = include_str!("bridge_validation.md")]
 
 use crate::{
-    bridge_maps::stop_map,
+    bridge_maps::{stop_map, strip},
     bridge_tables::{SceneCases, csv, fraction, summarise},
     groups::{Groups, SPLIT},
     image_metrics::{not_comparable, rung},
@@ -15,8 +15,11 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Image, VarianceTime,
-    methods::HOLD,
-    records::{BridgeCase, BridgeClock, BridgeFiles, BridgeSteps, PackedScene, RefinedImage, RefinedImages},
+    methods::{BridgeMethod, HOLD, Parameterization},
+    records::{
+        BridgeCase, BridgeClock, BridgeFiles, BridgeSteps, Exposure, Ladder, Moments, PackedScene, RefinedImage,
+        RefinedImages,
+    },
 };
 
 /// The kind `bridge_validation`.
@@ -42,7 +45,10 @@ impl Default for BridgeValidationParams {
 
 const ENDPOINTS: All<PackedScene> = All::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
 const STEPS: All<BridgeSteps> = All::new("steps", "The output of `bridge_refinement` for the same scenes.");
-const MAIN: Group = Group::main(3);
+const REFERENCES: All<Ladder> =
+    All::new("references", "Held-out references of the same scenes, for variances and covariances.").or_none();
+const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes, for references.").or_none();
+const MAIN: Group = Group::main(4);
 const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, cases and maps.").single().published();
 
 impl Kind for BridgeValidation {
@@ -54,7 +60,7 @@ impl Kind for BridgeValidation {
             summary: "Compares solver steps between rungs with the real rungs.",
             manual: include_str!("bridge_validation.md"),
             mode: Mode::Gather,
-            inputs: vec![ENDPOINTS.port(), STEPS.port(), SPLIT.port()],
+            inputs: vec![ENDPOINTS.port(), STEPS.port(), REFERENCES.port(), EXPOSURE.port(), SPLIT.port()],
             outputs: vec![BRIDGE.port()],
             seeded: true,
         }
@@ -63,22 +69,41 @@ impl Kind for BridgeValidation {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let (endpoints, steps) = (action.all(ENDPOINTS)?, action.all(STEPS)?);
         same_scenes(endpoints, steps)?;
+        let held = match (action.all_if(REFERENCES)?, action.all_if(EXPOSURE)?) {
+            (Some(references), Some(exposure)) => Some((references, exposure)),
+            (None, None) => None,
+            _ => return Err(KindError::Input("`references` need `exposure`; connect both, or none".into())),
+        };
         let mut maps: Vec<(String, Digest)> = Vec::new();
         let mut scenes = Vec::with_capacity(endpoints.len());
-        let mut clock: Option<BridgeClock> = None;
+        let mut seen: Option<(BridgeClock, BTreeMap<String, String>)> = None;
         for (index, (key, packed)) in endpoints.iter().enumerate() {
             ctx.check_cancelled()?;
             let steps = steps.get(key.as_str()).expect("both have the same scenes");
-            let BridgeSteps { clock: own, images } = steps.load(ctx)?;
-            if *clock.get_or_insert(own) != own {
+            let BridgeSteps { clock: own, setting, images } = steps.load(ctx)?;
+            let first = seen.get_or_insert_with(|| (own, setting.clone()));
+            if *first != (own, setting) {
                 return Err(KindError::Input(format!(
-                    "`{key}` was stepped by solvers of another training ladder than the scenes before it"
+                    "`{key}` was stepped by solvers of another training ladder or setting than the scenes before it"
                 )));
             }
+            let held = match held {
+                Some((references, exposure)) => {
+                    let lacks = |port: &str| {
+                        let told = format!("`{port}` lacks the item `{key}` of `endpoints`; connect the same scenes");
+                        KindError::Input(told)
+                    };
+                    let ladder = references.get(key.as_str()).ok_or_else(|| lacks(REFERENCES.name()))?;
+                    let exposure = exposure.get(key.as_str()).ok_or_else(|| lacks(EXPOSURE.name()))?;
+                    Some(Held::new(&ladder.load(ctx)?, exposure.load(ctx)?.factor, key)?)
+                }
+                None => None,
+            };
             let scene = Stepped {
                 key: key.as_str(),
                 packed: packed.load(ctx)?,
                 images,
+                held,
                 time: VarianceTime::new(own.n_min, own.n_max)?,
             };
             scenes.push(scene.cases()?);
@@ -89,10 +114,12 @@ impl Kind for BridgeValidation {
             }
             ctx.progress(index as u64 + 1, endpoints.len() as u64, "");
         }
-        let clock = clock.ok_or_else(|| KindError::Input("there are no scenes to validate the bridge on".into()))?;
+        let (clock, setting) =
+            seen.ok_or_else(|| KindError::Input("there are no scenes to validate the bridge on".into()))?;
         let keys: Vec<&str> = endpoints.iter().map(|(key, _)| key.as_str()).collect();
         let groups = Groups::load(ctx, action)?;
-        let bridge = summarise(&scenes, (&keys, &groups), clock.n_max, action.params.resamples, action.seed)?;
+        let (clock, seed) = ((clock.n_max, &setting), action.seed);
+        let bridge = summarise(&scenes, (&keys, &groups), clock, action.params.resamples, seed)?;
         let files = BridgeFiles::of_stored(ctx, &bridge, csv(&bridge).as_bytes(), maps)?;
         Outputs::default().put_one(BRIDGE, "bridge", files)
     }
@@ -124,7 +151,50 @@ struct Stepped<'a> {
     key: &'a str,
     packed: PackedScene,
     images: RefinedImages,
+    held: Option<Held>,
     time: VarianceTime,
+}
+
+/// A held-out reference, exposed, with the variance of its single samples.
+struct Held {
+    image: Image,
+    variance: Image,
+}
+
+impl Held {
+    fn new(ladder: &Ladder, factor: f64, key: &ItemKey) -> Result<Self, KindError> {
+        let last = ladder.rungs.last();
+        let last = last.ok_or_else(|| KindError::Input(format!("the reference of `{key}` has no rung")))?;
+        if !ladder.meta.sampler.is_independent() {
+            return Err(KindError::Input(format!(
+                "the samples of the reference of `{key}` are correlated, so their variance is unknown; render it with \
+                 `sampler: independent`"
+            )));
+        }
+        let exposed = |image: &Image, factor: f64| image.map(|v| (f64::from(v) * factor) as f32);
+        Ok(Self { image: exposed(&last.image, factor), variance: exposed(&ladder.variance, factor * factor) })
+    }
+
+    /// Moments of an image of m samples and of the real rung, around the reference; none where nothing varies.
+    ///
+    /// Both are sums over values, weighted by 1/(s^2 + mean s^2), so that neither a few very noisy pixels nor nearly
+    /// noise-free ones decide, relative to the same sum of s^2/m.
+    fn moments(&self, image: &Image, real: &Image, start: &Image, to: u64) -> Option<Moments> {
+        let count = self.variance.data().len().max(1) as f64;
+        let floor = self.variance.data().iter().map(|v| f64::from(*v)).sum::<f64>() / count;
+        let (mut sums, mut law) = ([0.0; 4], 0.0);
+        for at in 0..self.variance.data().len() {
+            let variance = f64::from(self.variance.data()[at]);
+            let off = |image: &Image| f64::from(image.data()[at]) - f64::from(self.image.data()[at]);
+            let (own, truth, before) = (off(image), off(real), off(start));
+            let weight = if floor > 0.0 { 1.0 / (variance + floor) } else { 0.0 };
+            law += weight * variance / to as f64;
+            let products = [own * own, truth * truth, own * before, truth * before];
+            sums.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
+        }
+        let [variance, real_variance, covariance, real_covariance] = sums.map(|sum| sum / law);
+        (law > 0.0).then_some(Moments { variance, real_variance, covariance, real_covariance })
+    }
 }
 
 /// Kind of stop, sample count before, sample count after.
@@ -154,6 +224,17 @@ impl Stepped<'_> {
             let (stop, from, to) = self.stop(said)?;
             let (start, real) = (rung(&self.packed, from)?, rung(&self.packed, to)?);
             let psnr = linear_psnr(image, real).map_err(|e| not_comparable(&e, said, self.key))?;
+            if let Some(held) = self.held.as_ref().filter(|held| !held.image.same_shape(real)) {
+                return Err(KindError::Input(format!(
+                    "the reference of `{}` has {} x {} pixels, but the endpoints have {} x {}; render both with the \
+                     same `resolution`",
+                    self.key,
+                    held.image.width(),
+                    held.image.height(),
+                    real.width(),
+                    real.height()
+                )));
+            }
             let is_hold = said.method == HOLD;
             if is_hold && image != start {
                 return Err(KindError::Input(format!(
@@ -171,6 +252,7 @@ impl Stepped<'_> {
                 to_spp: to,
                 psnr,
                 direction: if is_hold { None } else { cosine(image, start, real) },
+                moments: self.held.as_ref().and_then(|held| held.moments(image, real, start, to)),
             };
             if cases.insert((stop, from, said.method.clone()), (share, case)).is_some() {
                 return Err(KindError::Input(format!(
@@ -182,21 +264,27 @@ impl Stepped<'_> {
         Ok(cases)
     }
 
-    /// One picture for each stop, by scene and stop.
+    /// Two pictures for each stop, by scene and stop: of all methods of the network in linear radiance, and a strip of
+    /// MC noise.
     fn maps(&self) -> Result<Vec<(String, Vec<u8>)>, KindError> {
         let mut stops: BTreeMap<Stop, BTreeMap<&str, &Image>> = BTreeMap::new();
         for (said, image) in &self.images {
             let images = stops.entry(self.stop(said)?).or_default();
-            if said.method != HOLD {
+            let method = BridgeMethod::of(&said.method);
+            if method.rule != HOLD && !method.reference && !method.log {
                 images.insert(&said.method, image);
             }
         }
-        let map = |((stop, from, to), images): (Stop, BTreeMap<&str, &Image>)| {
+        let mut maps = Vec::with_capacity(2 * stops.len());
+        for ((stop, from, to), images) in stops {
+            let (start, real) = (rung(&self.packed, from)?, rung(&self.packed, to)?);
+            if let Some(stopped) = images.get(Parameterization::McNoise.name()) {
+                maps.push((format!("{}/strip-{stop}-{from:02}.png", self.key), strip(start, stopped, real)?));
+            }
             let images: Vec<&Image> = images.into_values().collect();
-            let png = stop_map(rung(&self.packed, from)?, rung(&self.packed, to)?, &images)?;
-            Ok((format!("{}/{stop}-{from:02}.png", self.key), png))
-        };
-        stops.into_iter().map(map).collect()
+            maps.push((format!("{}/{stop}-{from:02}.png", self.key), stop_map(start, real, &images)?));
+        }
+        Ok(maps)
     }
 }
 

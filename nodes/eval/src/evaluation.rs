@@ -54,7 +54,7 @@ const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, b
 const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints from which all methods start, by scene.");
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.").single();
 
 impl Kind for EvaluationKind {
@@ -262,7 +262,9 @@ pub fn evaluate(
     }
     let mut tables = Vec::with_capacity(others.len());
     let mut versus = Vec::new();
+    let mut beside = Vec::with_capacity(others.len());
     for other in &others {
+        beside.push(Curve { cell: coordinates(other.key), nfe: &other.nfe, at });
         tables.push(method(other, &resampled, at));
         versus.extend(against(&cells, other, &resampled, at));
         at += other.nfe.len() * METRICS.len();
@@ -281,7 +283,7 @@ pub fn evaluate(
         methods,
         baselines: tables,
         versus,
-        claims: claims(&curves, &resampled),
+        claims: claims(&curves, &beside, &resampled),
         notes,
         per_scene: std::iter::once(hold).chain(&cells).chain(&others).flat_map(rows).collect(),
     })

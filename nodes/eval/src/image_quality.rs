@@ -382,7 +382,8 @@ fn verdict(backbone: &str, gains: &[Gain], judged_by: &str, scores: &[String]) -
     }
     let evidence = |gain: &Gain| {
         let difference = *gain.scores.get(judged_by)?;
-        Some(Evidence { what: format!("over {}", gain.over.label()), metric: judged_by.to_owned(), difference })
+        let what = format!("over {}", gain.over.label());
+        Some(Evidence { what, metric: judged_by.to_owned(), difference, draws: None })
     };
     let evidence: Vec<Evidence> = gains.iter().filter_map(evidence).collect();
     let group = BTreeMap::from([("backbone".to_owned(), backbone.to_owned())]);

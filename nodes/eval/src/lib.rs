@@ -8,6 +8,7 @@ mod bridge_tables;
 mod bridge_validation;
 mod claims;
 pub mod curve;
+mod draws;
 mod evaluation;
 mod groups;
 mod held_out;

@@ -8,10 +8,13 @@ use tauflow_contract::{
     Action, Collection, Context, Handle, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::{
-    Image, Stratum, VarianceTime,
+    Image, IntegratorKind, SamplerKind, Stratum, VarianceTime,
     maths::log10,
-    methods::{HOLD, LOCAL_STEP, Parameterization},
-    records::{Bridge, BridgeClock, BridgeFiles, BridgeSteps, BridgeSummary, PackedScene, RefinedImage, RefinedImages},
+    methods::{HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC},
+    records::{
+        Bridge, BridgeClock, BridgeFiles, BridgeSteps, BridgeSummary, Claim, ClaimVerdict, Exposure, Ladder,
+        LadderMeta, PackedScene, RefinedImage, RefinedImages, Rung,
+    },
     rng::Stream,
 };
 use tauflow_eval::{BridgeValidation, BridgeValidationParams, fraction};
@@ -55,6 +58,7 @@ struct Bench {
     stop: AtomicBool,
     endpoints: Collection,
     steps: Collection,
+    references: Option<[Collection; 2]>,
 }
 
 impl Bench {
@@ -66,6 +70,7 @@ impl Bench {
             stop,
             endpoints: Collection::default(),
             steps: Collection::default(),
+            references: None,
         };
         let time = VarianceTime::new(1, 512).expect("a ladder");
         for (index, stratum) in Stratum::all().take(SCENES).enumerate() {
@@ -77,6 +82,7 @@ impl Bench {
                 let said = |method: &str, nfe| RefinedImage { method: method.into(), from_spp: from, to_spp: to, nfe };
                 images.push((said(HOLD, 0), start.clone()));
                 images.push((said(LOCAL_STEP, to - from), moved(start, &truth, 2.0 * share)));
+                images.push((said(LOCAL_DELTA, to - from), moved(start, &truth, 3.0)));
                 images.push((said(MC_NOISE, 1), moved(start, &truth, share)));
             }
             bench.put(stratum.item_key(index as u64), &scene, images, clock);
@@ -87,7 +93,8 @@ impl Bench {
     fn put(&mut self, key: ItemKey, scene: &PackedScene, images: RefinedImages, clock: BridgeClock) {
         let ctx = Context::new(&self.blobs, &Silent, &self.stop);
         let packed = scene.store(&ctx).expect("consistent");
-        let steps = BridgeSteps { clock, images }.store(&ctx).expect("stored");
+        let setting = BTreeMap::from([("space".to_owned(), "linear".to_owned())]);
+        let steps = BridgeSteps { clock, setting, images }.store(&ctx).expect("stored");
         self.endpoints.items.insert(key.clone(), packed.into_artifact());
         self.steps.items.insert(key, steps.into_artifact());
     }
@@ -100,9 +107,52 @@ impl Bench {
             group: "main",
             seed: 3,
             each: BTreeMap::new(),
-            all: BTreeMap::from([("endpoints", &self.endpoints), ("steps", &self.steps)]),
+            all: self.inputs(),
         };
         BridgeValidation::run(&ctx, &action)
+    }
+
+    fn inputs(&self) -> BTreeMap<&'static str, &Collection> {
+        let mut all = BTreeMap::from([("endpoints", &self.endpoints), ("steps", &self.steps)]);
+        if let Some([references, exposure]) = &self.references {
+            all.extend([("references", references), ("exposure", exposure)]);
+        }
+        all
+    }
+
+    /// Connects noise-free references, of which the scenes are twice as bright.
+    fn refer(&mut self, sampler: SamplerKind, side: usize) {
+        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        let (mut references, mut exposures) = (Collection::default(), Collection::default());
+        for key in self.endpoints.items.keys() {
+            let (_, index) = Stratum::of_key(key.as_str()).expect("a stratum's key");
+            let (truth, _) = ladder(index);
+            let spp = 4096;
+            let meta = LadderMeta {
+                counts: vec![spp],
+                width: side,
+                height: side,
+                rejected: 0,
+                mean_path_length: 1.0,
+                sampler,
+                integrator: IntegratorKind::Path,
+                estimated_error: None,
+            };
+            let image = if side == SIDE { truth.map(|v| 0.5 * v) } else { Image::new(side, side, 3) };
+            let variance = image.map(|_| (0.25 * SIGMA * SIGMA) as f32);
+            let ladder = Ladder { meta, rungs: vec![Rung { spp, image }], variance };
+            let exposure = Exposure { factor: 2.0, ev: 0.0, mean_luminance: 0.09 };
+            references.items.insert(key.clone(), ladder.store(&ctx).expect("stored").into_artifact());
+            exposures.items.insert(key.clone(), exposure.store(&ctx).expect("stored").into_artifact());
+        }
+        self.references = Some([references, exposures]);
+    }
+
+    fn bridge(&self) -> Bridge {
+        let out = self.run().expect("sound steps");
+        let artifact = out.collections["bridge"].get("bridge").expect("the item");
+        let ctx = Context::new(&self.blobs, &Silent, &self.stop);
+        Handle::<BridgeFiles>::new(artifact).expect("the port's type").load(&ctx).expect("stored").bridge
     }
 
     fn refusal(&self) -> String {
@@ -124,7 +174,7 @@ fn ten_scenes_make_ninety_adjacent_and_eighty_direct_cases() {
     let ctx = Context::new(&bench.blobs, &Silent, &bench.stop);
     let files = Handle::<BridgeFiles>::new(artifact).expect("the port's type").load(&ctx).expect("stored");
     let bridge = &files.bridge;
-    assert_eq!((bridge.n_max, bridge.scenes, bridge.rows.len(), bridge.cases.len()), (512, 10, 3 * 17, 3 * 170));
+    assert_eq!((bridge.n_max, bridge.scenes, bridge.rows.len(), bridge.cases.len()), (512, 10, 4 * 17, 4 * 170));
     for method in [HOLD, LOCAL_STEP, MC_NOISE] {
         assert_eq!((of(bridge, "adjacent", method).cases, of(bridge, "direct", method).cases), (90, 80));
     }
@@ -132,7 +182,7 @@ fn ten_scenes_make_ninety_adjacent_and_eighty_direct_cases() {
     assert!(bridge.rows.iter().all(|r| r.fraction > 0.0 && r.fraction < 1.0));
 
     // Hold: Var(I_k - I_m) = sigma^2 (1/k - 1/m), from 768 x 10 values: a standard error of .07 dB, and
-    // 51 correlated rows to look at, so that .25 dB is far enough.
+    // 68 correlated rows to look at, so that .25 dB is far enough.
     for row in bridge.rows.iter().filter(|r| r.method == HOLD) {
         let mse = SIGMA * SIGMA * (1.0 / row.from_spp as f64 - 1.0 / row.to_spp as f64);
         assert!((row.psnr.mean + 10.0 * log10(mse)).abs() < 0.25, "{row:?}");
@@ -140,7 +190,7 @@ fn ten_scenes_make_ninety_adjacent_and_eighty_direct_cases() {
     }
     // A move a to the truth leaves I_k - I_m - a (I_k - mu), of variance
     // sigma^2 ((1-a)^2/k + 1/m - 2 (1-a)/m): Cov(I_k, I_m) = sigma^2/m.
-    for row in bridge.rows.iter().filter(|r| r.method != HOLD) {
+    for row in bridge.rows.iter().filter(|r| r.method != HOLD && r.method != LOCAL_DELTA) {
         let (k, m) = (row.from_spp as f64, row.to_spp as f64);
         let rest = 1.0 - if row.method == MC_NOISE { row.fraction } else { 2.0 * row.fraction };
         let mse = SIGMA * SIGMA * (rest * rest / k + 1.0 / m - 2.0 * rest / m);
@@ -150,7 +200,7 @@ fn ten_scenes_make_ninety_adjacent_and_eighty_direct_cases() {
     assert!(noise.gain.low > 0.0 && noise.better > 0.9, "{noise:?}");
     assert_eq!(of(bridge, "adjacent", HOLD).better, 0.0);
     // The real update has the share sqrt(1 - k/m) of its direction towards the truth, since I_m itself is noisy.
-    for case in bridge.cases.iter().filter(|c| c.method != HOLD) {
+    for case in bridge.cases.iter().filter(|c| c.method != HOLD && c.method != LOCAL_DELTA) {
         let expected = (1.0 - case.from_spp as f64 / case.to_spp as f64).sqrt();
         assert!((case.direction.expect("an update") - expected).abs() < 0.13, "{case:?}");
     }
@@ -158,15 +208,85 @@ fn ten_scenes_make_ninety_adjacent_and_eighty_direct_cases() {
 
     let csv = String::from_utf8(files.cases_csv.clone()).expect("text");
     assert_eq!(csv.lines().count(), 1 + bridge.cases.len());
-    assert_eq!(files.maps.len(), 2 * 17);
+    assert_eq!(files.maps.len(), 2 * 2 * 17);
     assert!(files.maps.contains_key("L0-enclosed-000002/adjacent-09.png"));
     assert!(files.maps.contains_key("L0-enclosed-000002/direct-08.png"));
     // What is published keeps its names.
-    for part in ["bridge.json", "cases.csv", "maps/L0-enclosed-000002/direct-08.png"] {
+    for part in ["bridge.json", "cases.csv", "maps/L0-enclosed-000002/strip-direct-08.png"] {
         assert!(artifact.parts.contains_key(part), "{part}");
     }
-    assert_eq!(artifact.parts.len(), 2 + 2 * 17);
+    assert_eq!(artifact.parts.len(), 2 + 2 * 2 * 17);
     assert_eq!(bench.run().expect("again"), out, "the same bits again");
+}
+
+#[test]
+fn claims_are_judged_against_the_local_delta_and_against_euler_steps() {
+    let bench = Bench::new(CLOCK);
+    let found = bench.bridge();
+    assert_eq!(found.setting["space"], "linear");
+    let of = |statement: &str| -> Vec<&Claim> {
+        found.claims.iter().filter(|claim| claim.statement.contains(statement)).collect()
+    };
+    let (paper, euler) = (of("the local delta"), of("Euler steps"));
+    // Adjacent and direct; nothing was moved in logarithms.
+    assert_eq!((paper.len(), euler.len(), found.claims.len()), (2, 2, 4));
+    for claim in paper {
+        assert_eq!(claim.group["moved_in"], "linear");
+        assert_eq!(claim.group["space"], "linear");
+        assert_eq!(claim.evidence.len(), 2);
+        // Three times the way to the truth is beyond it.
+        assert_eq!(claim.verdict, ClaimVerdict::Held, "{claim:?}");
+    }
+}
+
+#[test]
+fn with_references_stops_have_variances_and_covariances() {
+    let mut bench = Bench::new(CLOCK);
+    bench.refer(SamplerKind::Independent, SIDE);
+    // A stop whose images are the real rungs: of their moments, by another name.
+    let ctx = Context::new(&bench.blobs, &Silent, &bench.stop);
+    let mut steps = Collection::default();
+    for (key, artifact) in &bench.steps.items {
+        let mut own = BridgeSteps::load(&ctx, artifact).expect("stored");
+        let packed = PackedScene::load(&ctx, &bench.endpoints.items[key]).expect("stored");
+        for (from, to) in stops() {
+            let said = RefinedImage { method: STOCHASTIC.into(), from_spp: from, to_spp: to, nfe: 1 };
+            own.images.push((said, packed.states[to as usize - 1].clone()));
+        }
+        steps.items.insert(key.clone(), own.store(&ctx).expect("stored").into_artifact());
+    }
+    bench.steps = steps;
+    let bridge = bench.bridge();
+    for row in &bridge.rows {
+        let moments = row.moments.as_ref().expect("references");
+        let (k, m) = (row.from_spp as f64, row.to_spp as f64);
+        assert!((moments.real_variance.mean - 1.0).abs() < 0.05, "{row:?}");
+        assert!((moments.real_covariance.mean - 1.0).abs() < 0.05, "{row:?}");
+        // (1 - share) of the noise of I_k is left.
+        let left = match row.method.as_str() {
+            HOLD => 1.0,
+            LOCAL_STEP => 1.0 - 2.0 * row.fraction,
+            LOCAL_DELTA => -2.0,
+            MC_NOISE => 1.0 - row.fraction,
+            _ => {
+                assert_eq!((moments.excess.mean, moments.covariance_excess.high), (0.0, 0.0));
+                continue;
+            }
+        };
+        let (variance, covariance) = (left * left * m / k, left * m / k);
+        assert!((moments.variance.mean / variance - 1.0).abs() < 0.06 || variance < 0.01, "{row:?} {variance}");
+        assert!((moments.covariance.mean - covariance).abs() < 0.06 * covariance.abs(), "{row:?} {covariance}");
+        let excess = moments.variance.mean / moments.real_variance.mean - 1.0;
+        assert!((moments.excess.mean - excess).abs() < 1e-9);
+    }
+    let first = bridge.cases.first().expect("cases").moments.expect("references");
+    assert!(first.real_variance > 0.5);
+    bench.refer(SamplerKind::Sobol, SIDE);
+    assert!(bench.refusal().contains("sampler: independent"));
+    bench.refer(SamplerKind::Independent, 8);
+    assert!(bench.refusal().contains("has 8 x 8 pixels"));
+    bench.references.as_mut().expect("connected")[0].items.pop_first();
+    assert!(bench.refusal().contains("`references` lacks the item"));
 }
 
 #[test]

@@ -4,7 +4,8 @@ use crate::{material::Cell, text::fixed};
 use std::collections::BTreeMap;
 use tauflow_data::{
     methods::{
-        Conditioning, HOLD, LOCAL_STEP, OIDN, PATH_TRACER, PATH_TRACER_SOBOL, Parameterization,
+        BridgeMethod, Conditioning, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, OIDN, PATH_TRACER, PATH_TRACER_SOBOL,
+        Parameterization, STOCHASTIC,
         axes::{CONDITIONING, METHOD, PARAMETERIZATION, SPACE},
     },
     records::{Estimate, Evaluation, MethodTable, higher_is_better},
@@ -166,7 +167,8 @@ pub const COLOURS: usize = 12;
 
 /// CSS class of a method's colour. [`palette`] gives each class on a page a colour of its own.
 pub fn colour(method: &str) -> String {
-    // The bridge's local step is taken by the local velocity.
+    // Methods of the bridge have the colour of their rule, and its local step is taken by the local velocity.
+    let method = BridgeMethod::of(method).rule;
     let method = if method == LOCAL_STEP { Parameterization::LocalVelocity.name() } else { method };
     let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
     CLASS.chars().chain(method.chars().map(plain)).collect()
@@ -210,6 +212,11 @@ pub fn palette(html: &str) -> BTreeMap<String, String> {
 
 /// A method's name for people.
 pub fn method_name(method: &str) -> String {
+    let BridgeMethod { rule, log, reference } = BridgeMethod::of(method);
+    if log || reference {
+        let words = [Some(method_name(rule)), log.then(|| "log1p".into()), reference.then(|| "reference".into())];
+        return words.into_iter().flatten().collect::<Vec<String>>().join(", ");
+    }
     if let Some(solver) = solver(method) {
         let name = match solver {
             Parameterization::VanillaRf => "Vanilla RF",
@@ -221,6 +228,9 @@ pub fn method_name(method: &str) -> String {
     }
     match method {
         LOCAL_STEP => "Local step".into(),
+        LOCAL_DELTA => "Local delta".into(),
+        EXPECTATION => "Expectation".into(),
+        STOCHASTIC => "Stochastic".into(),
         HOLD => "Hold".into(),
         OIDN => "OIDN".into(),
         "mitsuba" => "Mitsuba".into(),

@@ -183,7 +183,7 @@ fn the_same_material_gives_the_same_files() {
             "viewer.html"
         ]
     );
-    assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 8);
+    assert_eq!(first.keys().filter(|n| n.starts_with("bridge/maps/")).count(), 10);
     assert!(first["montage-rgb.png"].starts_with(b"\x89PNG"));
 }
 

@@ -1,22 +1,27 @@
 #![doc = include_str!("bridge_refinement.md")]
 
 use crate::{
+    bridge::{LocalRule, ReferenceSolver, bridge_stop, expected_stop, local_path, stochastic_stop},
     device::{self, CORES, NetworkDevice, Place},
     model::Model,
     refinement::{endpoint, features, model_needs_gbuffer},
-    rollout::{Denoiser, bridge_stop, local_steps},
+    rollout::{Denoiser, clean_estimate},
+    space::Space,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use tauflow_contract::{
     Action, All, Context, Each, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
     Outputs, ParamProblem, Probe, Resources,
 };
 use tauflow_data::{
+    Image,
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
-    methods::{HOLD, LOCAL_STEP, Parameterization},
-    records::{BridgeClock, BridgeSteps, ModelFile, PackedScene, RefinedImage},
+    methods::{BridgeMethod, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC},
+    records::{BridgeClock, BridgeSteps, Exposure, Ladder, ModelFile, PackedScene, RefinedImage, RefinedImages},
+    rng::Stream,
 };
 
 /// The kind `bridge_refinement`.
@@ -36,8 +41,11 @@ const MC_NOISE: All<ModelFile> =
 const LOCAL_VELOCITY: All<ModelFile> =
     All::new(Parameterization::LocalVelocity.name(), "A solver with parameterization local_velocity: exactly one.")
         .single();
+const REFERENCES: Each<Ladder> =
+    Each::new("references", "Held-out references of the same scenes: another random stream, many samples.").or_none();
+const EXPOSURE: Each<Exposure> = Each::new("exposure", "The exposure of the same scenes, for references.").or_none();
 
-const MAIN: Group = Group::main(3);
+const MAIN: Group = Group::main(4);
 const STEPS: Out<BridgeSteps> =
     Out::new(MAIN, "steps", "The images at every stop, and the clock of the training ladder.");
 
@@ -50,9 +58,9 @@ impl Kind for BridgeRefinement {
             summary: "Moves endpoints to stops between the training rungs.",
             manual: include_str!("bridge_refinement.md"),
             mode: Mode::Map,
-            inputs: vec![ENDPOINTS.port(), MC_NOISE.port(), LOCAL_VELOCITY.port()],
+            inputs: vec![ENDPOINTS.port(), MC_NOISE.port(), LOCAL_VELOCITY.port(), REFERENCES.port(), EXPOSURE.port()],
             outputs: vec![STEPS.port()],
-            seeded: false,
+            seeded: true,
         }
     }
 
@@ -103,6 +111,11 @@ impl Kind for BridgeRefinement {
         if let ([noise], [local]) = (known.all(MC_NOISE), known.all(LOCAL_VELOCITY)) {
             problems.extend(facts::same_rungs(LOCAL_VELOCITY, local, noise));
         }
+        let has = |name: &str| known.has(name);
+        if has(REFERENCES.name()) != has(EXPOSURE.name()) {
+            let message = "`references` and `exposure` are used together, but only one of them is connected";
+            problems.push(Foreseen::input(REFERENCES, message, "connect both, or none"));
+        }
         Outlook::default().but(problems)
     }
 
@@ -116,23 +129,135 @@ impl Kind for BridgeRefinement {
                 "the two solvers were trained on different ladders; train both on the same rungs".into(),
             ));
         }
+        let setting = setting(&noise);
+        if setting != self::setting(&local) {
+            return Err(KindError::Input(format!(
+                "the two solvers were trained in different settings, {setting:?} and {:?}; train both alike",
+                self::setting(&local)
+            )));
+        }
         let scene = action.read(ctx, ENDPOINTS)?;
+        let held = match (action.read_if(ctx, REFERENCES)?, action.read_if(ctx, EXPOSURE)?) {
+            (Some(ladder), Some(exposure)) => Some(HeldOut::new(&ladder, &exposure, &scene)?),
+            (None, None) => None,
+            _ => return Err(KindError::Input("`references` need `exposure`; connect both, or none".into())),
+        };
         let stops = stops(&scene.counts)?;
-        let mut images = Vec::new();
-        for (done, (from, to)) in stops.iter().copied().enumerate() {
+        let mut images = RefinedImages::new();
+        let (seen_by_noise, seen_by_local) = (features(&noise, &scene)?, features(&local, &scene)?);
+        let starts = &scene.counts[..scene.counts.len() - 1];
+        for (done, from) in starts.iter().copied().enumerate() {
             ctx.check_cancelled()?;
             let start = endpoint(&scene, from)?;
-            let said = |method: &str, nfe| RefinedImage { method: method.into(), from_spp: from, to_spp: to, nfe };
-            images.push((said(HOLD, 0), start.clone()));
-            let stepped = local_steps(&local, start, features(&local, &scene)?, from, to)?;
-            images.push((said(LOCAL_STEP, to - from), stepped));
-            let moved = bridge_stop(&noise, start, features(&noise, &scene)?, from, to)?;
-            images.push((said(Parameterization::McNoise.name(), 1), moved));
-            ctx.progress(done as u64 + 1, stops.len() as u64, &format!("{from} -> {to}"));
+            let ends: Vec<u64> = stops.iter().filter(|stop| stop.0 == from).map(|stop| stop.1).collect();
+            let mut put = |method: String, to_spp, nfe, image| {
+                images.push((RefinedImage { method, from_spp: from, to_spp, nfe }, image));
+            };
+            ends.iter().for_each(|to| put(HOLD.into(), *to, 0, start.clone()));
+            for space in [Space::Linear, Space::Log1p] {
+                let known = held.as_ref().map(|held| held.solvers(&noise, &local, space)).transpose()?;
+                let mut sources: Vec<(bool, &dyn Denoiser, &dyn Denoiser)> = vec![(false, &noise, &local)];
+                sources.extend(known.as_ref().map(|(noise, local)| (true, noise as &dyn Denoiser, local as _)));
+                for (reference, noise, local) in sources {
+                    let calls = |count: u64| if reference { 0 } else { count };
+                    let name = |rule| BridgeMethod { reference, log: space == Space::Log1p, rule }.name();
+                    for (rule, label) in [(LocalRule::Step, LOCAL_STEP), (LocalRule::Delta, LOCAL_DELTA)] {
+                        let last = ends.iter().copied().max().unwrap_or(from);
+                        let path = local_path(local, start, seen_by_local, (from, last), (space, rule))?;
+                        for to in &ends {
+                            put(name(label), *to, calls(to - from), path[(to - from - 1) as usize].clone());
+                        }
+                    }
+                    for to in &ends {
+                        let moved = bridge_stop(noise, start, seen_by_noise, (from, *to), space)?;
+                        put(name(Parameterization::McNoise.name()), *to, calls(1), moved);
+                    }
+                }
+            }
+            // The law is of linear radiance.
+            let clean = clean_estimate(&noise, start, seen_by_noise, Some(from))?;
+            let estimates = [(false, Some(&clean)), (true, held.as_ref().map(|held| &held.image))];
+            for (reference, clean) in estimates {
+                let Some(clean) = clean else { continue };
+                let name = |rule| BridgeMethod { reference, log: false, rule }.name();
+                for to in &ends {
+                    let expected = expected_stop(start, clean, (from, *to));
+                    if let Some(held) = &held {
+                        // The same noise for both estimates.
+                        let stream = Stream::new(action.seed, &[from, *to]);
+                        let drawn = stochastic_stop(&expected, &held.variance, (from, *to), stream);
+                        put(name(STOCHASTIC), *to, u64::from(!reference), drawn);
+                    }
+                    put(name(EXPECTATION), *to, u64::from(!reference), expected);
+                }
+            }
+            ctx.progress(done as u64 + 1, starts.len() as u64, &format!("from {from} spp"));
         }
         let clock = BridgeClock { n_min: noise.clock().n_min() as u64, n_max: noise.clock().n_max() as u64 };
-        Ok(Outputs::default().put(STEPS, BridgeSteps { clock, images }.store(ctx)?))
+        Ok(Outputs::default().put(STEPS, BridgeSteps { clock, setting, images }.store(ctx)?))
     }
+}
+
+/// A held-out reference, exposed, with the variance of its single samples.
+struct HeldOut {
+    image: Image,
+    variance: Image,
+}
+
+impl HeldOut {
+    fn new(ladder: &Ladder, exposure: &Exposure, scene: &PackedScene) -> Result<Self, KindError> {
+        let last = ladder.rungs.last().ok_or_else(|| KindError::Input("the held-out reference has no rung".into()))?;
+        let needed = scene.counts.last().copied().unwrap_or(0);
+        if last.spp <= needed {
+            return Err(KindError::Input(format!(
+                "the held-out reference has {} samples, but the endpoints have up to {needed}; render references of \
+                many more",
+                last.spp
+            )));
+        }
+        if !ladder.meta.sampler.is_independent() {
+            return Err(KindError::Input(
+                "the samples of the held-out reference are correlated, so their variance is unknown; render it with \
+                `sampler: independent`"
+                    .into(),
+            ));
+        }
+        let factor = exposure.factor;
+        let exposed = |image: &Image, factor: f64| image.map(|v| (f64::from(v) * factor) as f32);
+        let (image, variance) = (exposed(&last.image, factor), exposed(&ladder.variance, factor * factor));
+        if let Some(state) = scene.states.first().filter(|state| !state.same_shape(&image)) {
+            return Err(KindError::Input(format!(
+                "the held-out reference has {} x {} pixels, but the endpoints have {} x {}; render both with the same \
+                `resolution`",
+                image.width(),
+                image.height(),
+                state.width(),
+                state.height()
+            )));
+        }
+        image.finite("held-out reference", "render it again")?;
+        variance.finite("variance of the held-out reference", "render it again")?;
+        Ok(Self { image, variance })
+    }
+
+    /// Solvers in a space that know the reference, in place of these.
+    fn solvers(
+        &self,
+        noise: &Model,
+        local: &Model,
+        space: Space,
+    ) -> Result<(ReferenceSolver, ReferenceSolver), KindError> {
+        let known =
+            |model: &Model| Ok::<_, KindError>(ReferenceSolver::new(model.info().exact_factors()?, space, &self.image));
+        Ok((known(noise)?, known(local)?))
+    }
+}
+
+/// How a solver was trained, as tables say it.
+fn setting(model: &Model) -> BTreeMap<String, String> {
+    let info = model.info();
+    let fields = [("space", info.space.name()), ("output", info.output.name()), ("features", info.features.name())];
+    fields.map(|(name, value)| (name.to_owned(), value.to_owned())).into()
 }
 
 /// Adjacent stops k -> k+1, then direct ones k -> last that are not adjacent.

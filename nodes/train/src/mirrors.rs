@@ -31,6 +31,10 @@ impl Denoiser for Mirrored<'_> {
         self.model.clock()
     }
 
+    fn next(&self, count: f64) -> f64 {
+        self.model.next(count)
+    }
+
     fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
         let mut sum = self.model.predict(state, gbuffer, tau)?;
         for view in self.views.all().skip(1) {
@@ -48,8 +52,9 @@ mod tests {
     use super::*;
     use crate::{
         device::Place,
+        law::Law,
         model::ModelInfo,
-        network::{Output, Preset},
+        network::{Features, Output, Preset},
     };
     use tauflow_data::{methods::Conditioning, rng::Stream, views::View};
 
@@ -64,6 +69,8 @@ mod tests {
             steps: 1,
             output: Output::Means,
             unknown_counts: false,
+            features: Features::Contrast,
+            law: Law::Limits,
         };
         let network = info.encoding().expect("a ladder").network();
         let mut weights = network.slots().draw(3);

@@ -3,8 +3,9 @@
 
 use crate::{
     device::Place,
+    law::{Factors, Law},
     network::{
-        Output, Preset,
+        Features, Output, Preset,
         features::{Encoding, Sample},
         unet::Unet,
     },
@@ -43,6 +44,12 @@ pub struct ModelInfo {
     /// Whether it also learned to denoise without being told the sample count.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unknown_counts: bool,
+    /// Its input channels.
+    #[serde(default = "Features::unsaid", skip_serializing_if = "Features::is_unsaid")]
+    pub features: Features,
+    /// The known factor of its targets.
+    #[serde(default = "Law::unsaid", skip_serializing_if = "Law::is_unsaid")]
+    pub law: Law,
 }
 
 impl ModelInfo {
@@ -56,12 +63,17 @@ impl ModelInfo {
         self.counts.last().copied().unwrap_or(0)
     }
 
+    /// The factors of the law for its targets, whatever its head has.
+    pub(crate) fn exact_factors(&self) -> Result<Factors, KindError> {
+        Ok(Factors::new(self.parameterization, &self.counts, Law::Covariances)?)
+    }
+
     pub(crate) fn encoding(&self) -> Result<Encoding, KindError> {
         Ok(Encoding {
-            parameterization: self.parameterization,
+            factors: Factors::new(self.parameterization, &self.counts, self.law)?,
             space: self.space,
-            clock: VarianceTime::new(self.n_min(), self.n_max())?,
             gbuffer: self.conditioning == Conditioning::Gbuffer,
+            features: self.features,
             output: self.output,
             preset: self.preset,
         })
@@ -149,7 +161,9 @@ impl Model {
                 ("conditioning", info.conditioning.name().into()),
                 ("parameterization", info.parameterization.name().into()),
                 ("space", info.space.name().into()),
-                ("output", format!("{:?}", info.output)),
+                ("output", info.output.name().into()),
+                ("features", info.features.name().into()),
+                ("law", info.law.name().into()),
             ]
         };
         match own(&self.info).into_iter().zip(own(like)).find(|(start, wanted)| start != wanted) {
@@ -251,7 +265,11 @@ impl Denoiser for Model {
     }
 
     fn clock(&self) -> VarianceTime {
-        self.encoding.clock
+        self.encoding.factors.clock()
+    }
+
+    fn next(&self, count: f64) -> f64 {
+        self.encoding.factors.next(count)
     }
 
     fn predict(&self, state: &Image, gbuffer: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
@@ -297,6 +315,8 @@ mod tests {
             steps: 1,
             output,
             unknown_counts: false,
+            features: Features::Contrast,
+            law: Law::Limits,
         };
         for output in [Output::Means, Output::ShadedMeans, Output::Values] {
             let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);

@@ -13,5 +13,6 @@ mod on_device;
 mod peer;
 pub(crate) mod unet;
 
+pub use features::Features;
 pub use head::{Loss, Output};
 pub use unet::Preset;

@@ -19,6 +19,11 @@ pub trait Denoiser {
     /// The clock of the ladder that it learned on.
     fn clock(&self) -> VarianceTime;
 
+    /// The sample count that a local velocity at `count` samples points to: twice as many on dyadic ladders.
+    fn next(&self, count: f64) -> f64 {
+        2.0 * count
+    }
+
     /// The prediction for a state [H, W, 3] in its space, at variance time `tau`, or of an unknown sample count, with
     /// albedo and normal [H, W, 6] if it was trained with them.
     ///
@@ -163,92 +168,26 @@ pub fn clean_estimate(
     decode(model, state, image)
 }
 
-/// One stop of the bridge: from endpoint I_k part of the way to the clean estimate, to where variance time puts I_m.
-///
-/// I_k + (tau_m - tau_k)/(1 - tau_k) (clean - I_k), one network call.
-///
-/// # Errors
-/// If the model has no clean estimate, or m is not between k and the clock's end.
-pub fn bridge_stop(
-    model: &dyn Denoiser,
-    endpoint: &Image,
-    gbuffer: Option<&Image>,
-    from: u64,
-    to: u64,
-) -> Result<Image, KindError> {
-    let (tau, next) = span(model, from, to)?;
-    readable(endpoint, gbuffer)?;
-    let state = encode(model, endpoint)?;
-    let prediction = model.predict(&state, gbuffer, Some(tau))?;
-    let Some(clean) = model.parameterization().clean(&state, &prediction, tau) else {
-        return Err(KindError::Input(format!(
-            "a bridge stop needs an estimate of the clean image, which `{}` does not provide; use `mc_noise` or \
-            `mc_velocity`",
-            model.parameterization().name()
-        )));
-    };
-    let share = ((next - tau) / (1.0 - tau)) as f32;
-    let mut moved = state;
-    for (s, c) in moved.data_mut().iter_mut().zip(clean.data()) {
-        *s += share * (*c - *s);
-    }
-    decode(model, moved, endpoint)
-}
-
-/// Euler steps k -> k+1 -> .. -> m; one network call each.
-///
-/// # Errors
-/// As [`bridge_stop`].
-pub fn local_steps(
-    model: &dyn Denoiser,
-    endpoint: &Image,
-    gbuffer: Option<&Image>,
-    from: u64,
-    to: u64,
-) -> Result<Image, KindError> {
-    readable(endpoint, gbuffer)?;
-    let mut state = encode(model, endpoint)?;
-    for n in from..to {
-        let (tau, next) = span(model, n, n + 1)?;
-        let prediction = model.predict(&state, gbuffer, Some(tau))?;
-        state = model.parameterization().step(&state, &prediction, tau, next);
-    }
-    decode(model, state, endpoint)
-}
-
-fn span(model: &dyn Denoiser, from: u64, to: u64) -> Result<(f64, f64), KindError> {
-    let clock = model.clock();
-    if (from as f64) < clock.n_min() || to <= from || to as f64 >= clock.n_max() {
-        return Err(KindError::Input(format!(
-            "the stop {from} -> {to} spp is outside the training ladder of {} to {} spp (its end excluded); bridge \
-            stops use the clock of the training ladder",
-            clock.n_min(),
-            clock.n_max()
-        )));
-    }
-    Ok((clock.tau(from as f64), clock.tau(to as f64)))
-}
-
 /// A value that is no number would spread over the network's whole field of view.
-fn readable(endpoint: &Image, gbuffer: Option<&Image>) -> Result<(), KindError> {
+pub(crate) fn readable(endpoint: &Image, gbuffer: Option<&Image>) -> Result<(), KindError> {
     for (image, what) in std::iter::once((endpoint, "endpoint")).chain(gbuffer.map(|gbuffer| (gbuffer, "G-buffer"))) {
         image.finite(what, "mend the image, or look at what made it")?;
     }
     Ok(())
 }
 
-fn encode(model: &dyn Denoiser, image: &Image) -> Result<Image, KindError> {
+pub(crate) fn encode(model: &dyn Denoiser, image: &Image) -> Result<Image, KindError> {
     let space = model.space();
     within(space, image.map(|v| space.encode(v)), image)
 }
 
-fn decode(model: &dyn Denoiser, state: Image, endpoint: &Image) -> Result<Image, KindError> {
+pub(crate) fn decode(model: &dyn Denoiser, state: Image, endpoint: &Image) -> Result<Image, KindError> {
     let space = model.space();
     within(space, state, endpoint).map(|state| state.map(|v| space.decode(v)))
 }
 
 /// A state, unless its endpoint is so bright that values leave what the space can hold: nothing is cut.
-fn within(space: Space, state: Image, endpoint: &Image) -> Result<Image, KindError> {
+pub(crate) fn within(space: Space, state: Image, endpoint: &Image) -> Result<Image, KindError> {
     // NaN is not below the largest value, either.
     let fits = state.data().iter().filter(|v| v.abs() <= space.largest()).count();
     if fits == state.data().len() {
@@ -368,28 +307,10 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_bridge_keeps_to_the_schedule() {
-        let oracle = Oracle::new(Parameterization::McNoise, Space::Linear);
-        let clock = oracle.clock();
-        let at_10 = bridge_stop(&oracle, &noisy(), None, 1, 10).expect("in range");
-        let expected = 7.0 + clock.tau(10.0) as f32 * (2.0 - 7.0);
-        assert!((at_10.data()[0] - expected).abs() < 1e-5);
-        let local = Oracle::new(Parameterization::LocalVelocity, Space::Linear);
-        let stepped = local_steps(&local, &noisy(), None, 1, 10).expect("in range");
-        assert_eq!(local.calls.get(), 9);
-        assert!((stepped.data()[0] - expected).abs() < 1e-4);
-    }
-
-    #[test]
     fn what_lies_outside_the_clock_is_refused() {
         let oracle = Oracle::new(Parameterization::McNoise, Space::Linear);
         let course = |from, steps| Course { from, steps, grid: TimeGrid::Ladder };
         assert!(rollout(&oracle, &noisy(), None, course(512, 1)).is_err());
         assert!(rollout(&oracle, &noisy(), None, course(1, 0)).is_err());
-        assert!(bridge_stop(&oracle, &noisy(), None, 4, 4).is_err());
-        assert!(bridge_stop(&oracle, &noisy(), None, 4, 512).is_err());
-        let local = Oracle::new(Parameterization::LocalVelocity, Space::Linear);
-        let error = bridge_stop(&local, &noisy(), None, 1, 2).expect_err("no clean estimate").to_string();
-        assert!(error.contains("mc_noise"), "{error}");
     }
 }

@@ -20,8 +20,8 @@ use params::LATER;
 use serde_json::Value;
 use std::time::Instant;
 use tauflow_contract::{
-    Action, All, Basis, Context, Digest, Facts, Foreseen, Group, Handle, Items, Kind, KindError, KindSpec, Known,
-    Later, Media, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
+    Action, All, Basis, Context, Digest, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec,
+    Known, Later, Media, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
 };
 use tauflow_data::{
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
@@ -63,6 +63,10 @@ impl Kind for Training {
             outputs: vec![MODEL.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
+    }
+
+    fn project(params: &Self::Params, _item: Option<&ItemKey>, _group: &str) -> Value {
+        serde_json::to_value(params.acting()).expect("plain data")
     }
 
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
@@ -116,7 +120,7 @@ impl Kind for Training {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let params = &action.params;
+        let params = &action.params.acting();
         let (train, test) = (action.all(TRAIN)?, action.all_if(TEST)?);
         let seed =
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
@@ -172,6 +176,8 @@ impl OneTraining<'_> {
             steps: params.steps,
             output: params.output,
             unknown_counts: params.unknown_counts != 0.0,
+            features: params.features,
+            law: params.law,
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
         let start = self.first_weights(&info)?;
@@ -344,6 +350,7 @@ fn timing(mut seconds: Vec<f64>, threads: usize) -> TrainingTiming {
 mod tests {
     use super::*;
     use crate::network::Output;
+    use tauflow_data::methods::Parameterization;
 
     #[test]
     fn params_that_came_later_are_in_keys_only_where_they_change_something() {
@@ -353,5 +360,20 @@ mod tests {
         let changed = TrainingParams { rung_exponent: 0.5, output: Output::ShadedMeans, ..plain.clone() };
         assert!(names.iter().all(|name| telling(&changed).get(*name).is_some()));
         assert_ne!(Training::project(&plain, None, "main"), Training::project(&changed, None, "main"));
+    }
+
+    #[test]
+    fn the_law_is_in_keys_only_where_it_changes_something() {
+        let law = |parameterization, output| {
+            let params = TrainingParams { parameterization, output, ..TrainingParams::default() };
+            telling(&params.acting()).get("law").cloned()
+        };
+        for parameterization in Parameterization::ALL {
+            let matters = [Parameterization::VanillaRf, Parameterization::LocalVelocity].contains(&parameterization);
+            for output in [Output::Means, Output::ShadedMeans] {
+                assert_eq!(law(parameterization, output).is_some(), matters, "{parameterization:?} {output:?}");
+            }
+            assert_eq!(law(parameterization, Output::Values), None);
+        }
     }
 }

@@ -54,11 +54,11 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     let weights: usize = numbers(&preset[5]).into_iter().map(|side| side * side).sum();
     let value = |symbol: &str, level: usize| match symbol {
         "C" => {
-            if text("conditioning") == "gbuffer" {
-                15
-            } else {
-                6
-            }
+            let row = if text("conditioning") == "gbuffer" { 1 } else { 2 };
+            let plain = info["features"] == "plain";
+            let channels = table("input channels");
+            let features = channels.iter().find(|row| (row[0] == "plain") == plain).expect("features of the page");
+            features[row].parse().expect("a number")
         }
         "N" => {
             if text("output") == "values" {
@@ -108,10 +108,19 @@ fn checked(bytes: &[u8]) -> (TensorFile, Value) {
     assert_eq!(file.metadata.keys().collect::<Vec<_>>(), ["model"]);
     let info: Value = serde_json::from_str(&file.metadata["model"]).expect("JSON");
     let fields = table("field").into_iter().flat_map(|row| row[0].split(", ").map(str::to_owned).collect::<Vec<_>>());
-    let optional = |name: &String| ["output", "unknown_counts"].contains(&name.as_str()) && info.get(name).is_none();
+    let optional = |name: &String| {
+        ["output", "unknown_counts", "features", "law"].contains(&name.as_str()) && info.get(name).is_none()
+    };
     let found: BTreeSet<String> = info.as_object().expect("fields").keys().cloned().collect();
     assert_eq!(found, fields.filter(|name| !optional(name)).collect());
-    assert_ne!(info.get("output"), Some(&json!("means")), "it is absent then");
+    for (field, value) in [("output", "means"), ("features", "contrast"), ("law", "limits")] {
+        assert_ne!(info.get(field), Some(&json!(value)), "it is absent then");
+    }
+    let means = info.get("output") != Some(&json!("values"));
+    let velocity = ["local_velocity", "vanilla_rf"].map(Value::from).contains(&info["parameterization"]);
+    if !(means && velocity) {
+        assert_eq!(info.get("law"), None, "it changes nothing then");
+    }
     assert_eq!(shapes(&file), matrices(&info));
     // The one key of the header that is no tensor, as other programs see it.
     let length = u64::from_le_bytes(bytes[..8].try_into().expect("eight bytes")) as usize;
@@ -260,6 +269,14 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
                 "parameterization": "mc_noise", "unknown_counts": 0.5 }),
         ),
         ("values", json!({ "output": "values", "parameterization": "vanilla_rf" })),
+        ("plain", json!({ "output": "values", "features": "plain", "conditioning": "gbuffer" })),
+        (
+            "plain-log",
+            json!({ "features": "plain", "space": "log1p", "preset": "fast", "parameterization": "vanilla_rf",
+            "law": "covariances" }),
+        ),
+        ("local-law", json!({ "parameterization": "local_velocity", "law": "covariances" })),
+        ("vanilla-limits", json!({ "parameterization": "vanilla_rf" })),
     ];
     for (name, params) in cases {
         let (bytes, checkpoint) = trained(params.clone());
@@ -268,6 +285,17 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
             assert_eq!(info[param], if param == "unknown_counts" { json!(true) } else { value.clone() });
         }
         assert_eq!((&info["counts"], &info["steps"]), (&json!(COUNTS), &json!(6)));
+        if name == "vanilla-limits" {
+            assert_eq!(info["law"], json!("covariances"), "the default");
+            let mut old: Value = info.clone();
+            old.as_object_mut().expect("fields").remove("law");
+            let old = TensorFile { metadata: [("model".to_owned(), old.to_string())].into(), ..file.clone() };
+            // Files of earlier versions lack the field, and keep their factor.
+            let old = Model::load_to(&filled(old), &Place::cpu()).expect("as the manual says");
+            let old = old.to_bytes().expect("writes");
+            assert_eq!(checked(&old).1.get("law"), None);
+            compare("vanilla-old", &old);
+        }
         compare(&format!("{name}-trained"), &bytes);
         compare_with(&format!("{name}-checkpoint"), &bytes, &checkpoint);
         compare(&format!("{name}-filled"), &filled(file));

@@ -17,6 +17,9 @@ pub struct Bridge {
     /// Number of groups of them that intervals are over; none where each scene stands for itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<u64>,
+    /// Space, output and features of the solvers, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub setting: BTreeMap<String, String>,
     /// One for each kind of stop (adjacent, direct), method and k.
     pub rows: Vec<BridgeRow>,
     /// Mean over all cases of a kind of stop, by method.
@@ -33,7 +36,7 @@ pub struct Bridge {
 pub struct BridgeRow {
     /// `adjacent` (k -> k + 1) or `direct` (k -> the last).
     pub stop: String,
-    /// `hold`, `local_step` or `mc_noise`.
+    /// The name of a [`BridgeMethod`](crate::methods::BridgeMethod), such as `mc_noise`.
     pub method: String,
     /// Sample count before.
     pub from_spp: u64,
@@ -45,6 +48,39 @@ pub struct BridgeRow {
     pub psnr: Estimate,
     /// Paired difference to hold.
     pub gain: Estimate,
+    /// Variance and covariance by the held-out references; none without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moments: Option<MomentsRow>,
+}
+
+/// Second moments at a stop against those of the real rung, both around the held-out reference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MomentsRow {
+    /// Variance of the image, in units of sigma^2/m: 1 by the law.
+    pub variance: Estimate,
+    /// Variance of the real rung in these units.
+    pub real_variance: Estimate,
+    /// Ratio of both, less 1: the excess of variance.
+    pub excess: Estimate,
+    /// Covariance of the image with I_k, in units of sigma^2/m: 1 by the law.
+    pub covariance: Estimate,
+    /// Covariance of the real rung with I_k in these units.
+    pub real_covariance: Estimate,
+    /// Ratio of both, less 1.
+    pub covariance_excess: Estimate,
+}
+
+/// Second moments of an image of a scene, as in [`MomentsRow`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Moments {
+    /// Variance of the image.
+    pub variance: f64,
+    /// Variance of the real rung.
+    pub real_variance: f64,
+    /// Covariance of the image with I_k.
+    pub covariance: f64,
+    /// Covariance of the real rung with I_k.
+    pub real_covariance: f64,
 }
 
 /// Mean over all cases of a kind of stop.
@@ -82,6 +118,9 @@ pub struct BridgeCase {
     pub psnr: f64,
     /// Cosine between the update that was made and the real one, I_m - I_k; none for hold, which makes none.
     pub direction: Option<f64>,
+    /// Second moments by the held-out reference; none without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moments: Option<Moments>,
 }
 
 const TABLES: &str = "bridge.json";
@@ -180,39 +219,46 @@ pub struct BridgeClock {
 }
 
 const CLOCK: &str = "bridge.json";
+const SETTING: &str = "setting.json";
 
 /// The output of `bridge_refinement` for a scene: the images at every stop, and the clock.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BridgeSteps {
     /// The clock.
     pub clock: BridgeClock,
+    /// Space, output and features of the solvers, by name.
+    pub setting: BTreeMap<String, String>,
     /// The images.
     pub images: RefinedImages,
 }
 
 impl Media for BridgeSteps {
     const NAME: &'static str = "tauflow/bridge-steps";
-    const DOC: &'static str = "Images at the stops of a bridge, as EXR and PNG, and its clock in `bridge.json`.";
+    const DOC: &'static str = "Images at the stops of a bridge, as EXR and PNG; `bridge.json` is its clock, \
+        `setting.json` the solvers' setting.";
 
     fn load(ctx: &Context<'_>, artifact: &Artifact) -> Result<Self, KindError> {
         let Refined { images, .. } = Refined::load_tree(ctx, artifact)?;
-        Ok(Self { clock: ctx.json(artifact, CLOCK)?, images })
+        Ok(Self { clock: ctx.json(artifact, CLOCK)?, setting: ctx.json(artifact, SETTING)?, images })
     }
 
     fn store(&self, ctx: &Context<'_>) -> Result<Stored<Self>, KindError> {
         let mut parts = Refined::parts(ctx, &self.images, None)?;
         parts.push((CLOCK.to_owned(), ctx.put_json(&self.clock)?));
+        parts.push((SETTING.to_owned(), ctx.put_json(&self.setting)?));
         Ok(Stored::tree(parts))
     }
 
     fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
         let steps = Self::load(ctx, artifact)?;
         to.put(CLOCK, &pretty_json(&steps.clock)?)?;
+        to.put(SETTING, &pretty_json(&steps.setting)?)?;
         Refined { images: steps.images, note: None }.write(to)
     }
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
         let clock = parse_json(CLOCK, &from.need(CLOCK)?)?;
-        Self { clock, images: Refined::read(from)?.images }.store(ctx)
+        let setting = parse_json(SETTING, &from.need(SETTING)?)?;
+        Self { clock, setting, images: Refined::read(from)?.images }.store(ctx)
     }
 }

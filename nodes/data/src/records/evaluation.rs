@@ -61,8 +61,23 @@ pub struct Evidence {
     pub what: String,
     /// In which metric.
     pub metric: String,
-    /// The difference, paired by scene.
+    /// The difference, paired by scene; the mean over draws of the trainings, where there are several.
     pub difference: Estimate,
+    /// The same mean, with its interval over draws of the trainings; none of a single draw.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub draws: Option<Estimate>,
+}
+
+impl Evidence {
+    /// Whether all its intervals are above 0.
+    pub fn is_above(&self) -> bool {
+        self.difference.low > 0.0 && self.draws.is_none_or(|draws| draws.low > 0.0)
+    }
+
+    /// Whether all its intervals are below 0.
+    pub fn is_below(&self) -> bool {
+        self.difference.high < 0.0 && self.draws.is_none_or(|draws| draws.high < 0.0)
+    }
 }
 
 /// The verdict on a claim.
@@ -71,7 +86,7 @@ pub struct Evidence {
 pub enum ClaimVerdict {
     /// All intervals are above 0.
     Held,
-    /// An interval is below 0.
+    /// The intervals of a difference are below 0.
     NotHeld,
     /// Neither.
     Undecided,

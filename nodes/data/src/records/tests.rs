@@ -3,7 +3,11 @@
 use super::*;
 use crate::{Image, IntegratorKind, SamplerKind};
 use serde_json::json;
-use std::{cell::RefCell, collections::BTreeSet, sync::atomic::AtomicBool};
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, BTreeSet},
+    sync::atomic::AtomicBool,
+};
 use tauflow_contract::{Context, FileTree, Handle, Media, MemoryBlobs, Silent, Stored};
 
 thread_local! {
@@ -84,7 +88,8 @@ fn images(ctx: &Context<'_>) {
     round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
     generated(ctx, |value| image(3, value).map(|v| v.clamp(0.0, 1.0)));
     let clock = BridgeClock { n_min: 1, n_max: 4 };
-    round_trip(ctx, &BridgeSteps { clock, images });
+    let setting = BTreeMap::from([("space".to_owned(), "linear".to_owned())]);
+    round_trip(ctx, &BridgeSteps { clock, setting, images });
     let state = |calls, tau| RolloutState { method: "mc_noise".into(), from_spp: 1, nfe: 2, calls, tau };
     let states = vec![(state(1, 0.3), image(3, 5.0)), (state(2, 1.0), image(3, 6.0))];
     let files = round_trip(ctx, &Rollout { clock, states });

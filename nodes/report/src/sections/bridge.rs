@@ -9,24 +9,29 @@ use crate::{
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
-    methods::{HOLD, LOCAL_STEP, Parameterization},
-    records::{Bridge, BridgeFiles, BridgeRow, Estimate},
+    methods::{BridgeMethod, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC},
+    records::{Bridge, BridgeFiles, BridgeRow, Estimate, MomentsRow},
 };
 
-/// Order of methods.
-const ORDER: [&str; 3] = [HOLD, LOCAL_STEP, Parameterization::McNoise.name()];
+/// Order of rules.
+const ORDER: [&str; 6] = [HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization::McNoise.name(), EXPECTATION, STOCHASTIC];
 
 /// The section. `scenes` is how many scenes' maps are shown.
 pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     let bridge = &files.bridge;
     let counts = bridge.rows.iter().flat_map(|r| [r.from_spp, r.to_spp]);
     let (first, last) = (counts.clone().min().unwrap_or(0), counts.max().unwrap_or(0));
+    let setting: Vec<String> = bridge.setting.iter().map(|(name, value)| format!("{name} {value}")).collect();
+    let setting = if setting.is_empty() { String::new() } else { format!(" ({})", escape(&setting.join(", "))) };
     let mut out = format!(
         "<p>Solvers are stopped between rungs of {first} to {last} samples per pixel on {} scenes, and compared with \
-         the <em>rendered</em> rung I<sub>m</sub>. The models were trained on ladders that end at n<sub>max</sub> = \
-         {}. MC noise predicts I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) (clean − \
-         I<sub>k</sub>), with τ of that ladder. The local step is one Euler step of the local velocity per additional \
-         sample. I<sub>m</sub> contains the samples of I<sub>k</sub>, so hold is a strong baseline.</p>",
+         the <em>rendered</em> rung I<sub>m</sub>. The models{setting} were trained on ladders that end at \
+         n<sub>max</sub> = {}. MC noise predicts I<sub>k</sub> + (τ<sub>m</sub> − τ<sub>k</sub>)/(1 − τ<sub>k</sub>) \
+         (clean − I<sub>k</sub>), with τ of that ladder. The local delta adds the predicted difference to twice as \
+         many samples at each stop, and the local step the part of it that belongs to one more sample. Images move in \
+         linear radiance, or in log1p where the name says so. <em>Reference</em> in a name means that a held-out \
+         reference stands in the network's place. I<sub>m</sub> contains the samples of I<sub>k</sub>, so hold is a \
+         strong baseline.</p>",
         bridge.scenes, bridge.n_max
     );
     out.push_str("<div class=\"grid2\">");
@@ -36,18 +41,36 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
     out.push_str("</div><div class=\"grid2 charts\">");
     let charts: [Shown; 2] = [("PSNR (dB)", |r| r.psnr), ("Gain over hold (dB)", |r| r.gain)];
     for shown in charts {
-        let y = Scale::linear(bridge.rows.iter().map(shown.1).flat_map(|e| [e.mean, e.low, e.high]));
+        let drawn = |row: &&BridgeRow| {
+            let BridgeMethod { rule, log, reference } = BridgeMethod::of(&row.method);
+            !log && !reference && rule != STOCHASTIC
+        };
+        let shown_rows = bridge.rows.iter().filter(drawn).map(shown.1);
+        let y = Scale::linear(shown_rows.flat_map(|e| [e.mean, e.low, e.high]));
         for (stop, title) in stops(bridge) {
             let _ = write!(out, "<figure>{}</figure>", chart(bridge, stop, &title, shown, y));
         }
     }
     out.push_str("</div>");
-    let panels: Vec<(String, String)> =
-        stops(bridge).into_iter().map(|(stop, title)| (title, by_k(bridge, stop))).collect();
+    let mut panels: Vec<(String, String)> = Vec::new();
+    for (stop, title) in stops(bridge) {
+        for (reference, log) in [(false, false), (false, true), (true, false), (true, true)] {
+            let of = |method: &BridgeMethod<'_>| (method.reference, method.log) == (reference, log);
+            if bridge.rows.iter().any(|row| of(&BridgeMethod::of(&row.method)) && row.method != HOLD) {
+                let space = BridgeMethod { reference, log, rule: HOLD }.space();
+                let title = format!("{title}, {space}{}", if reference { ", reference" } else { "" });
+                panels.push((title, by_k(bridge, stop, &of)));
+            }
+        }
+    }
     if !panels.is_empty() {
         let _ = write!(out, "<details><summary>Tables by k</summary>{}</details>", tabs("bridge-rows", &panels));
     }
-    out.push_str(&maps(&files.maps, scenes));
+    out.push_str(&moments(bridge));
+    out.push_str(&strips(&files.maps, scenes));
+    let stops: BTreeMap<String, Vec<u8>> =
+        files.maps.iter().filter(|(name, _)| !name.contains(STRIP)).map(|(a, b)| (a.clone(), b.clone())).collect();
+    out.push_str(&maps(&stops, scenes));
     Section::new("bridge", "Bridge validation", out)
 }
 
@@ -64,14 +87,18 @@ fn stops(bridge: &Bridge) -> Vec<(&str, String)> {
     out
 }
 
-fn order(method: &str) -> usize {
-    ORDER.iter().position(|m| *m == method).unwrap_or(ORDER.len())
+/// Order of methods: of the network first, linear first, then by rule.
+fn order(method: &str) -> (bool, bool, usize) {
+    let BridgeMethod { rule, log, reference } = BridgeMethod::of(method);
+    (reference, log, ORDER.iter().position(|m| *m == rule).unwrap_or(ORDER.len()))
 }
 
 fn summary(bridge: &Bridge, stop: &str) -> String {
     let mut rows: Vec<_> = bridge.summary.iter().filter(|s| s.stop == stop).collect();
     rows.sort_by_key(|s| (order(&s.method), s.method.clone()));
-    let column: Vec<Option<f64>> = rows.iter().map(|r| Some(r.psnr.mean)).collect();
+    // References are no methods that one could choose.
+    let own = |method: &str| !BridgeMethod::of(method).reference;
+    let column: Vec<Option<f64>> = rows.iter().map(|r| own(&r.method).then_some(r.psnr.mean)).collect();
     let ranks = rank(&column, true, 2);
     let mut out = String::from(
         "<table class=\"wide\"><thead><tr><th>Method</th><th>Cases</th><th>PSNR (dB)</th><th>Gain over \
@@ -110,9 +137,13 @@ fn summary(bridge: &Bridge, stop: &str) -> String {
 }
 
 /// Rows of a kind of stop, by method in order.
-fn by_method<'a>(bridge: &'a Bridge, stop: &str) -> Vec<(&'a str, Vec<&'a BridgeRow>)> {
-    let mut map: BTreeMap<(usize, &str), Vec<&BridgeRow>> = BTreeMap::new();
-    for row in bridge.rows.iter().filter(|r| r.stop == stop) {
+fn by_method<'a>(
+    bridge: &'a Bridge,
+    stop: &str,
+    of: &dyn Fn(&BridgeMethod<'_>) -> bool,
+) -> Vec<(&'a str, Vec<&'a BridgeRow>)> {
+    let mut map: BTreeMap<(_, &str), Vec<&BridgeRow>> = BTreeMap::new();
+    for row in bridge.rows.iter().filter(|r| r.stop == stop && of(&BridgeMethod::of(&r.method))) {
         map.entry((order(&row.method), row.method.as_str())).or_default().push(row);
     }
     map.into_iter()
@@ -127,7 +158,9 @@ fn by_method<'a>(bridge: &'a Bridge, stop: &str) -> Vec<(&'a str, Vec<&'a Bridge
 type Shown = (&'static str, fn(&BridgeRow) -> Estimate);
 
 fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> String {
-    let methods = by_method(bridge, stop);
+    // The drawn noise of `stochastic` is far below the others by PSNR, which is no measure of it.
+    let of = |method: &BridgeMethod<'_>| !method.reference && !method.log && method.rule != STOCHASTIC;
+    let methods = by_method(bridge, stop, &of);
     let (what, figure) = shown;
     let ks: Vec<u64> = methods.first().map(|(_, rows)| rows.iter().map(|r| r.from_spp).collect()).unwrap_or_default();
     let mut plot = Plot::new([560.0, 290.0], [48.0, 96.0, 34.0, 40.0], Scale::linear(ks.iter().map(|k| *k as f64)), y);
@@ -152,8 +185,8 @@ fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> St
     plot.finish(&format!("{what} by k, {title}; the values are in the tables of this section"))
 }
 
-fn by_k(bridge: &Bridge, stop: &str) -> String {
-    let methods = by_method(bridge, stop);
+fn by_k(bridge: &Bridge, stop: &str, of: &dyn Fn(&BridgeMethod<'_>) -> bool) -> String {
+    let methods = by_method(bridge, stop, of);
     let mut out = String::from("<div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stop</th><th>Fraction</th>");
     for (method, _) in &methods {
         let _ = write!(out, "<th>{}</th>", escape(&method_name(method)));
@@ -183,6 +216,89 @@ fn by_k(bridge: &Bridge, stop: &str) -> String {
         out.push_str("</tr>");
     }
     out + "</tbody></table></div>"
+}
+
+/// Variances and covariances against those of the real rungs, by stop; empty without references.
+fn moments(bridge: &Bridge) -> String {
+    let is_shown = |row: &&BridgeRow| [EXPECTATION, STOCHASTIC].contains(&BridgeMethod::of(&row.method).rule);
+    let shown: Vec<(&BridgeRow, &MomentsRow)> =
+        bridge.rows.iter().filter(is_shown).filter_map(|row| Some((row, row.moments.as_ref()?))).collect();
+    let mut methods: Vec<&str> = shown.iter().map(|(row, _)| row.method.as_str()).collect();
+    methods.sort_by_key(|method| order(method));
+    methods.dedup();
+    if methods.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from(
+        "<h3>Variances and covariances</h3><p>Around a held-out reference, each stop has a variance, and a covariance \
+         with I<sub>k</sub>. The table shows by how much they exceed those of the rendered rung. Given the converged \
+         image, the expectation of I<sub>m</sub> is 1 − k/m of the way to it, with too little variance; the stochastic \
+         bridge adds the variance σ²(m − k)/m² of the samples that are missing.</p><details open><summary>Excess by \
+         stop</summary><div class=\"scroll\"><table class=\"wide\"><thead><tr><th>Stop</th>",
+    );
+    for method in &methods {
+        let name = escape(&method_name(method));
+        let _ = write!(out, "<th>{name}, variance</th><th>{name}, covariance</th>");
+    }
+    out.push_str("</tr></thead><tbody>");
+    let mut stops: Vec<(&str, u64, u64)> =
+        shown.iter().map(|(row, _)| (row.stop.as_str(), row.from_spp, row.to_spp)).collect();
+    stops.sort_unstable();
+    stops.dedup();
+    let percent = |of: &Estimate| {
+        let value = |v: f64| format!("{}%", signed(100.0 * v, 1));
+        format!("{}<span class=\"ci\">[{}, {}]</span>", value(of.mean), value(of.low), value(of.high))
+    };
+    for (stop, from, to) in stops {
+        let _ = write!(out, "<tr><td>{from} → {to}</td>");
+        for method in &methods {
+            let at = |row: &BridgeRow| (row.stop.as_str(), row.from_spp, row.method.as_str()) == (stop, from, *method);
+            let _ = match shown.iter().find(|(row, _)| at(row)) {
+                Some((_, of)) => {
+                    write!(out, "<td>{}</td><td>{}</td>", percent(&of.excess), percent(&of.covariance_excess))
+                }
+                None => write!(out, "<td class=\"zero\">–</td><td class=\"zero\">–</td>"),
+            };
+        }
+        out.push_str("</tr>");
+    }
+    out + "</tbody></table></div></details>"
+}
+
+/// What names of strips contain.
+const STRIP: &str = "/strip-";
+
+/// The strips of the first scenes, one row a stop.
+fn strips(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
+    let mut folders: BTreeMap<&str, Vec<(&str, &[u8])>> = BTreeMap::new();
+    for (name, png) in maps {
+        if let Some((folder, file)) = name.split_once(STRIP) {
+            folders.entry(folder).or_default().push((file.trim_end_matches(".png"), png));
+        }
+    }
+    if folders.is_empty() || scenes == 0 {
+        return String::new();
+    }
+    let mut out = String::from(
+        "<h3>Bridge stops of MC noise</h3><p>From left to right: the input I<sub>k</sub>, the stop, the rendered rung \
+         I<sub>m</sub>, the update (grey is none), and the absolute difference of the stop to I<sub>m</sub> (black is \
+         none, white the largest).</p>",
+    );
+    for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
+        let open = if i == 0 { " open" } else { "" };
+        let _ = write!(out, "<details{open}><summary>{}</summary><div class=\"maps\">", escape(folder));
+        for (file, png) in files {
+            let name = map_name(file);
+            let _ = write!(
+                out,
+                "<figure><img alt=\"{0}\" src=\"{1}\"><figcaption>{0}</figcaption></figure>",
+                escape(&name),
+                png_uri(png)
+            );
+        }
+        out.push_str("</div></details>");
+    }
+    out
 }
 
 /// A map's name for people: `adjacent-01` is the adjacent stop from k = 1.
@@ -244,5 +360,7 @@ mod tests {
         let png = |name: &str| (name.to_owned(), vec![1u8]);
         let html = maps(&BTreeMap::from([png("a/adjacent-01.png"), png("b/direct-02.png")]), 1);
         assert!(html.contains("k = 1") && !html.contains("k = 2") && html.contains("Images of 1 more"));
+        let html = strips(&BTreeMap::from([png("a/strip-adjacent-01.png"), png("a/direct-02.png")]), 1);
+        assert!(html.contains("adjacent stop, k = 1") && !html.contains("direct"));
     }
 }

@@ -12,8 +12,8 @@ use std::{
 };
 use tauflow_data::{
     methods::{
-        HOLD, LOCAL_STEP, Parameterization,
-        axes::{CONDITIONING, PARAMETERIZATION},
+        HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization,
+        axes::{CONDITIONING, PARAMETERIZATION, SPACE},
     },
     records::{Bridge, Claim, ClaimVerdict, Evaluation, Evidence},
 };
@@ -27,9 +27,9 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
     }
     let mut out = String::from(
         "<p>A claim consists of differences that must be above 0. A claim <b>held</b> if all 95% intervals, paired by \
-         scene, are above 0. It <b>did not hold</b> if one interval is below 0, and is <b>undecided</b> \
-         otherwise, even if all means agree with it. Dots are means, bars are intervals, and the dashed line is 0; \
-         each metric has one scale.</p>",
+         scene and, with several draws of the trainings, over draws, are above 0. It <b>did not hold</b> if all \
+         intervals of one difference are below 0, and is <b>undecided</b> otherwise, even if all means agree with it. \
+         Dots are means, bars are intervals over scenes, and the dashed line is 0; each metric has one scale.</p>",
     );
     let mut statements: Vec<&str> = Vec::new();
     for claim in &claims {
@@ -84,18 +84,22 @@ fn forest(claims: &[&Claim], metric: &str, scale: Scale) -> String {
         escape(metric_name(metric))
     );
     for claim in claims {
-        for Evidence { what, difference, .. } in claim.evidence.iter().filter(|evidence| evidence.metric == metric) {
+        for evidence in claim.evidence.iter().filter(|evidence| evidence.metric == metric) {
+            let Evidence { what, difference, draws, .. } = evidence;
             let group = group(&claim.group);
             let name = if group.is_empty() { named(what) } else { format!("{group}: {}", named(what)) };
-            let side = match difference {
-                of if of.low > 0.0 => "above",
-                of if of.high < 0.0 => "below",
-                _ => "around",
+            let over = draws.map_or_else(String::new, |of| format!(" draws {}", interval(&of, places)));
+            let side = if evidence.is_above() {
+                "above"
+            } else if evidence.is_below() {
+                "below"
+            } else {
+                "around"
             };
             let [low, mean, high] = [difference.low, difference.mean, difference.high].map(percent);
             let _ = write!(
                 out,
-                "<div class=\"name\">{}</div><div class=\"value\">{} <small>{}</small></div><div \
+                "<div class=\"name\">{}</div><div class=\"value\">{} <small>{}{over}</small></div><div \
                  class=\"span\">{zero}<i class=\"range {side}\" style=\"left:{low:.1}%;width:{:.1}%\"></i>\
                  <i class=\"mean {side}\" style=\"left:{mean:.1}%\"></i></div>",
                 escape(&name),
@@ -113,20 +117,21 @@ fn forest(claims: &[&Claim], metric: &str, scale: Scale) -> String {
 
 /// The claims as a table of values, one row for each difference.
 pub fn csv(claims: &[&Claim]) -> String {
-    let mut out = String::from("claim,cells,verdict,what,metric,difference,low,high\n");
+    let mut out = String::from("claim,cells,verdict,what,metric,difference,low,high,draws_low,draws_high\n");
     for claim in claims {
-        for Evidence { what, metric, difference } in &claim.evidence {
+        for Evidence { what, metric, difference, draws } in &claim.evidence {
             let words = [&claim.statement, &group(&claim.group)].map(|text| crate::csv::field(text));
             let _ = writeln!(
                 out,
-                "{},{},{},{},{metric},{},{},{}",
+                "{},{},{},{},{metric},{},{},{},{}",
                 words[0],
                 words[1],
                 verdict(claim.verdict),
                 crate::csv::field(what),
                 difference.mean,
                 difference.low,
-                difference.high
+                difference.high,
+                draws.map_or_else(|| ",".to_owned(), |of| format!("{},{}", of.low, of.high))
             );
         }
     }
@@ -147,13 +152,14 @@ fn group(cell: &BTreeMap<String, String>) -> String {
     let words = [
         named(PARAMETERIZATION).map(|m| method_name(&m)),
         named(CONDITIONING).map(|c| conditioning_name(&c)),
-        Some(extra(cell)),
+        named(SPACE).map(|space| format!("space {space}")),
+        Some(extra(cell).replace("moved_in", "moved in")),
     ];
     words.into_iter().flatten().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 /// A text with methods by their names.
 fn named(text: &str) -> String {
-    let known = Parameterization::ALL.map(Parameterization::name).into_iter().chain([LOCAL_STEP, HOLD]);
+    let known = Parameterization::ALL.map(Parameterization::name).into_iter().chain([LOCAL_STEP, LOCAL_DELTA, HOLD]);
     known.fold(text.to_owned(), |text, method| text.replace(method, &method_name(method)))
 }

@@ -7,10 +7,10 @@ use tauflow_data::{
     Image, IntegratorKind, SamplerKind, Stratum,
     image_io::encode_png,
     maths::{exp, log2},
-    methods::{HOLD, LOCAL_STEP, OIDN, PATH_TRACER, Parameterization},
+    methods::{HOLD, LOCAL_DELTA, LOCAL_STEP, OIDN, PATH_TRACER, Parameterization},
     records::{
         AgainstLaw, Beside, Bridge, BridgeFiles, BridgeRow, BridgeSummary, Convergence, ConvergenceRow, Estimate,
-        Ladder, LadderMeta, PictureStatistics, Quota, Rung, SamplingReport, SceneConvergence, SceneGroup,
+        Ladder, LadderMeta, MomentsRow, PictureStatistics, Quota, Rung, SamplingReport, SceneConvergence, SceneGroup,
         SceneStatistics, SdeRow, Sides, SplitReport, StratumQuota, TimeError, TimeTo, TimedMethod, TimedPoint,
         TimedScene, TimedSummary, TrainingLog, TrainingPoint, TrainingTiming, Verdict, VersusRendering,
     },
@@ -135,7 +135,24 @@ fn sampling() -> SamplingReport {
 fn bridge() -> BridgeFiles {
     let (mut rows, mut summary) = (Vec::new(), Vec::new());
     for (stop, ks) in [("adjacent", 1..=9u64), ("direct", 1..=8)] {
-        for (method, lead) in [(HOLD, 0.0), (LOCAL_STEP, 0.8), (Parameterization::McNoise.name(), 2.1)] {
+        let methods = [
+            (HOLD, 0.0),
+            (LOCAL_DELTA, -0.9),
+            (LOCAL_STEP, 0.8),
+            (Parameterization::McNoise.name(), 2.1),
+            ("mc_noise+log1p", 2.0),
+            ("mc_noise+log1p+reference", 2.4),
+            ("stochastic+reference", -0.5),
+        ];
+        for (method, lead) in methods {
+            let moments = method.starts_with("stochastic").then(|| MomentsRow {
+                variance: around(1.02, 0.04),
+                real_variance: around(1.01, 0.03),
+                excess: around(0.01, 0.05),
+                covariance: around(0.99, 0.04),
+                real_covariance: around(1.0, 0.03),
+                covariance_excess: around(-0.01, 0.05),
+            });
             let n = ks.clone().count() as f64;
             let mut sum = 0.0;
             for k in ks.clone() {
@@ -150,6 +167,7 @@ fn bridge() -> BridgeFiles {
                     fraction: 0.7 / k as f64,
                     psnr: around(base + gain, 1.1),
                     gain: around(gain, 0.3),
+                    moments: moments.clone(),
                 });
             }
             summary.push(BridgeSummary {
@@ -162,10 +180,14 @@ fn bridge() -> BridgeFiles {
             });
         }
     }
-    let bridge = Bridge { n_max: 256, scenes: 10, groups: None, rows, summary, claims: Vec::new(), cases: Vec::new() };
+    let setting = BTreeMap::from([("space".to_owned(), "log1p".to_owned())]);
+    let (claims, cases) = (Vec::new(), Vec::new());
+    let bridge = Bridge { n_max: 256, scenes: 10, groups: None, setting, rows, summary, claims, cases };
     let mut maps = BTreeMap::new();
     for scene in ["L0-open-000003", "L3-enclosed-000011"] {
-        for (i, stop) in ["adjacent-01", "adjacent-02", "adjacent-03", "direct-01"].into_iter().enumerate() {
+        for (i, stop) in
+            ["adjacent-01", "adjacent-02", "adjacent-03", "direct-01", "strip-adjacent-01"].into_iter().enumerate()
+        {
             let mut stream = Stream::new(i as u64, &[]).part(scene);
             let mut image = Image::new(3 * 32 + 4, 2 * 32 + 2, 3);
             image.data_mut().iter_mut().for_each(|v| *v = stream.uniform() as f32);

@@ -107,6 +107,7 @@ fn table((backbone, family, steps): (&str, Family, u64), number: f64) -> Backbon
         what: format!("over {}", gain.over.label()),
         metric: "mmd".into(),
         difference: gain.scores["mmd"],
+        draws: None,
     };
     let verdict = if number > 1.0 { ClaimVerdict::Held } else { ClaimVerdict::Undecided };
     let claim = Claim {

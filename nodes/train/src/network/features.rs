@@ -4,11 +4,16 @@ use super::{
     head::{Answer, Head, Output},
     unet::{Inputs, Preset, Unet},
 };
-use crate::space::{Space, signed_log1p};
+use crate::{
+    law::Factors,
+    space::{Space, signed_log1p},
+};
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, sync::Arc};
-use tauflow_data::{maths, methods::Parameterization, time::VarianceTime};
+use tauflow_data::maths;
 use tauflow_ops::{Pyramid, expm1, map, map2};
 
 /// Numbers that tell the time.
@@ -23,8 +28,37 @@ const REACH: usize = 2;
 /// Added to albedo before it divides: what is black has light on it, too.
 const BLACK: f32 = 0.02;
 
-/// Largest factor between what is left to the end of an interpolant and its target.
-const STEEPEST: f64 = 16.0;
+/// Input channels of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Features {
+    /// Logarithms of radiance and of radiance divided by albedo, the contrast of each pixel to its neighbourhood, and
+    /// the G-buffer.
+    #[default]
+    Contrast,
+    /// The state in the training space and the G-buffer, unchanged.
+    Plain,
+}
+
+impl Features {
+    /// The value of older files, which lack this field, independent of the current default.
+    pub(crate) fn unsaid() -> Self {
+        Self::Contrast
+    }
+
+    /// True of files that do not mention it.
+    pub(crate) fn is_unsaid(&self) -> bool {
+        *self == Self::unsaid()
+    }
+
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Contrast => "contrast",
+            Self::Plain => "plain",
+        }
+    }
+}
 
 /// One state with what belongs to it.
 pub(crate) struct Sample<'a> {
@@ -37,12 +71,12 @@ pub(crate) struct Sample<'a> {
 }
 
 /// How states become inputs: fixed by how a solver was trained.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Encoding {
-    pub(crate) parameterization: Parameterization,
+    pub(crate) factors: Factors,
     pub(crate) space: Space,
-    pub(crate) clock: VarianceTime,
     pub(crate) gbuffer: bool,
+    pub(crate) features: Features,
     pub(crate) output: Output,
     pub(crate) preset: Preset,
 }
@@ -50,7 +84,12 @@ pub(crate) struct Encoding {
 impl Encoding {
     /// Channels of the features.
     pub(crate) fn channels(&self) -> usize {
-        if self.gbuffer { 15 } else { 6 }
+        match (self.features, self.gbuffer) {
+            (Features::Contrast, true) => 15,
+            (Features::Contrast, false) => 6,
+            (Features::Plain, true) => 9,
+            (Features::Plain, false) => 3,
+        }
     }
 
     /// Inputs of a batch of samples of `height` x `width` pixels.
@@ -73,22 +112,36 @@ impl Encoding {
                 Some(albedo) => map2(&radiance, albedo, |value, albedo| value / albedo),
                 None => radiance.clone(),
             };
-            let seen = map(&light, signed_log1p);
-            let around = surroundings(&seen, height, width);
-            let off = map2(&light, &around.mean, |value, mean| value - mean);
-            let contrast = map2(&off, &around.spread, contrast);
-            let whole = gbuffer.map(|_| map(&radiance, signed_log1p));
-            features.par_chunks_exact_mut(channels).with_min_len(1024).enumerate().for_each(|(pixel, features)| {
-                let at = 3 * pixel..3 * pixel + 3;
-                features[..3].copy_from_slice(&seen[at.clone()]);
-                features[3..6].copy_from_slice(&contrast[at.clone()]);
-                if let (Some(gbuffer), Some(whole)) = (gbuffer, &whole) {
-                    features[6..12].copy_from_slice(&gbuffer[6 * pixel..6 * pixel + 6]);
-                    features[12..].copy_from_slice(&whole[at]);
+            match self.features {
+                Features::Contrast => {
+                    let seen = map(&light, signed_log1p);
+                    let around = surroundings(&seen, height, width);
+                    let off = map2(&light, &around.mean, |value, mean| value - mean);
+                    let contrast = map2(&off, &around.spread, contrast);
+                    let whole = gbuffer.map(|_| map(&radiance, signed_log1p));
+                    let fill = |(pixel, features): (usize, &mut [f32])| {
+                        let at = 3 * pixel..3 * pixel + 3;
+                        features[..3].copy_from_slice(&seen[at.clone()]);
+                        features[3..6].copy_from_slice(&contrast[at.clone()]);
+                        if let (Some(gbuffer), Some(whole)) = (gbuffer, &whole) {
+                            features[6..12].copy_from_slice(&gbuffer[6 * pixel..6 * pixel + 6]);
+                            features[12..].copy_from_slice(&whole[at]);
+                        }
+                    };
+                    features.par_chunks_exact_mut(channels).with_min_len(1024).enumerate().for_each(fill);
                 }
-            });
+                Features::Plain => {
+                    let fill = |(pixel, features): (usize, &mut [f32])| {
+                        features[..3].copy_from_slice(&sample.state[3 * pixel..3 * pixel + 3]);
+                        if let Some(gbuffer) = gbuffer {
+                            features[3..].copy_from_slice(&gbuffer[6 * pixel..6 * pixel + 6]);
+                        }
+                    };
+                    features.par_chunks_exact_mut(channels).with_min_len(1024).enumerate().for_each(fill);
+                }
+            }
             clock.extend(self.time(sample.tau));
-            gains.push(self.gain(sample.tau) as f32);
+            gains.push(self.factors.at(sample.tau) as f32);
             lights.extend(light);
             albedos.extend(albedo.into_iter().flatten());
         }
@@ -111,36 +164,16 @@ impl Encoding {
 
     /// How far, in pixels, predictions of a network look at most; none if it looks at the whole image.
     pub(crate) fn reach(&self, network: &Unet) -> Option<usize> {
-        // Features look at means over windows of means over windows. Each scale of the head's windows looks at half a
+        // Contrasts look at means over windows of means over windows. Each scale of the head's windows looks at half a
         // side of blocks, and at the block that the pixel is in.
+        let contrasts = if self.features == Features::Contrast { 2 * REACH } else { 0 };
         let windows = (0..).zip(self.preset.sides()).map(|(scale, side)| (side / 2 + 1) << scale).max().unwrap_or(0);
-        Some((network.reach()? + 2 * REACH).max(windows))
+        Some((network.reach()? + contrasts).max(windows))
     }
 
     /// The network for such inputs.
     pub(crate) fn network(&self) -> Unet {
         Unet::new(self.preset, self.channels(), CLOCK, self.output)
-    }
-
-    /// The target as a fraction of the way from the state to the converged image: a known factor, which the network
-    /// need not learn.
-    ///
-    /// Given I_n, the expectation of I_m, m > n, is (1 - n/m) of the way to the mean: the samples of I_n are among its
-    /// own. Velocities divide that by the time it takes: a local one by that of a small step, so that to the next rung
-    /// of a dyadic ladder, whose secant is 0.85 of it, the network weighs the pixel itself in. At the end of the ladder
-    /// the time vanishes with the way, and what is left is finite. Interpolants of rectified flow have 1 - t of their
-    /// way before them, whatever it is worth. If the sample count is unknown, the whole way is left.
-    fn gain(&self, tau: Option<f64>) -> f64 {
-        let Some(tau) = tau else { return -1.0 };
-        let (count, last) = (self.clock.count(tau), self.clock.n_max());
-        // d tau/dn = 1/(2 unit n^(3/2)), and 1 - tau = (1/sqrt n - 1/sqrt n_max)/unit.
-        let unit = 1.0 / self.clock.n_min().sqrt() - 1.0 / last.sqrt();
-        match self.parameterization {
-            Parameterization::McNoise => -(1.0 - (count / last).min(1.0)),
-            Parameterization::McVelocity => unit * count.sqrt() * (1.0 + (count / last).sqrt()),
-            Parameterization::LocalVelocity => unit * count.sqrt() * 2.0,
-            Parameterization::VanillaRf => (1.0 / (1.0 - tau).max(1e-9)).min(STEEPEST),
-        }
     }
 
     /// Smooth functions of tau. Training sees few times, rollouts many: high frequencies would not carry over. All are
@@ -149,7 +182,8 @@ impl Encoding {
         let mut out = [0.0; CLOCK];
         let Some(tau) = tau else { return out };
         out[0] = tau as f32;
-        out[1] = (maths::log(self.clock.count(tau.clamp(0.0, 1.0))) / maths::log(self.clock.n_max())) as f32;
+        let clock = self.factors.clock();
+        out[1] = (maths::log(clock.count(tau.clamp(0.0, 1.0))) / maths::log(clock.n_max())) as f32;
         for i in 0..(CLOCK - 2) / 2 {
             let angle = core::f64::consts::PI * maths::exp2(i as f64 * 0.5 - 1.0) * tau;
             out[2 + 2 * i] = maths::sin(angle) as f32;
@@ -226,41 +260,50 @@ fn means_of_columns(data: &[f32], height: usize, width: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::law::Law;
+    use tauflow_data::methods::Parameterization;
+
+    fn encoding(space: Space, features: Features, output: Output, preset: Preset) -> Encoding {
+        let factors = Factors::new(Parameterization::McNoise, &[1, 256], Law::Covariances).expect("a ladder");
+        Encoding { factors, space, gbuffer: true, features, output, preset }
+    }
 
     #[test]
-    fn gains_are_those_of_the_law() {
-        let clock = VarianceTime::new(1, 256).expect("a ladder");
-        let gain = |parameterization, tau| {
-            let (space, output, preset) = (Space::Linear, Output::Means, Preset::Tiny);
-            Encoding { parameterization, space, clock, gbuffer: false, output, preset }.gain(Some(tau))
-        };
-        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * b.abs().max(1.0), "{a} {b}");
-        for n in [1.0f64, 4.0, 100.0, 255.0] {
-            let tau = clock.tau(n);
-            near(gain(Parameterization::McNoise, tau), n / 256.0 - 1.0);
-            // The same way by the time that is left.
-            near(gain(Parameterization::McVelocity, tau), (1.0 - n / 256.0) / (1.0 - tau));
-            // The limit of (1 - n/m)/(tau_m - tau_n) for m near n.
-            let m = n * (1.0 + 1e-7);
-            let limit = (1.0 - n / m) / (clock.tau(m) - tau);
-            assert!((gain(Parameterization::LocalVelocity, tau) / limit - 1.0).abs() < 1e-4);
+    fn plain_features_are_the_state_and_the_gbuffer() {
+        let (state, gbuffer): (Vec<f32>, Vec<f32>) =
+            ((0..16 * 16 * 3).map(|i| i as f32 - 9.0).collect(), (0..16 * 16 * 6).map(|i| (i % 11) as f32).collect());
+        for space in [Space::Linear, Space::Log1p] {
+            for (gbuffer, channels) in [(Some(&gbuffer[..]), 9), (None, 3)] {
+                let encoding = Encoding {
+                    gbuffer: gbuffer.is_some(),
+                    ..encoding(space, Features::Plain, Output::Values, Preset::Fast)
+                };
+                let sample = Sample { state: &state, gbuffer, tau: Some(0.5) };
+                let inputs = encoding.inputs(&Device::flex(), &[sample], 16, 16);
+                assert_eq!(inputs.features.dims(), [1, 16, 16, channels]);
+                let found = inputs.features.into_data();
+                for (pixel, found) in found.as_slice::<f32>().expect("f32").chunks_exact(channels).enumerate() {
+                    assert_eq!(found[..3], state[3 * pixel..3 * pixel + 3]);
+                    assert_eq!(found[3..], gbuffer.map_or(&[][..], |gbuffer| &gbuffer[6 * pixel..6 * pixel + 6]));
+                }
+                let seen = Encoding { features: Features::Contrast, ..encoding.clone() };
+                // No neighbours are averaged for the features, so that less is seen.
+                let reach = |encoding: &Encoding| encoding.reach(&encoding.network()).expect("a local preset");
+                assert_eq!(reach(&seen), reach(&encoding) + 2 * REACH);
+            }
         }
-        near(gain(Parameterization::McVelocity, 1.0), 2.0 * (1.0 - 1.0 / 16.0) * 16.0);
-        near(gain(Parameterization::VanillaRf, 0.5), 2.0);
-        near(gain(Parameterization::VanillaRf, 1.0), STEEPEST);
     }
 
     #[test]
     fn equal_weights_give_the_mean_of_the_window_times_the_albedo() {
-        let clock = VarianceTime::new(1, 256).expect("a ladder");
         let device = Device::flex();
-        for (space, preset, tau) in [
-            (Space::Linear, Preset::Tiny, Some(0.0)),
-            (Space::Log1p, Preset::Tiny, Some(0.0)),
-            (Space::Log1p, Preset::Fast, None),
+        for (space, features, preset, tau) in [
+            (Space::Linear, Features::Contrast, Preset::Tiny, Some(0.0)),
+            (Space::Log1p, Features::Contrast, Preset::Tiny, Some(0.0)),
+            (Space::Log1p, Features::Plain, Preset::Tiny, Some(0.0)),
+            (Space::Log1p, Features::Contrast, Preset::Fast, None),
         ] {
-            let (parameterization, output) = (Parameterization::McNoise, Output::Means);
-            let encoding = Encoding { parameterization, space, clock, gbuffer: true, output, preset };
+            let encoding = encoding(space, features, Output::Means, preset);
             let network = encoding.network();
             // Light of 3 on albedos that change from pixel to pixel.
             let albedo = |i: usize| (i % 5) as f32 / 5.0;

@@ -5,10 +5,13 @@ use super::{
     head::{self, Answer, Loss, Output, Shade},
     unet::{Preset, Unet},
 };
-use crate::space::Space;
+use crate::{
+    law::{Factors, Law},
+    space::Space,
+};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
-use tauflow_data::{methods::Parameterization, rng::Stream, time::VarianceTime};
+use tauflow_data::{methods::Parameterization, rng::Stream};
 use tauflow_tensors::{apply, layers};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
@@ -160,10 +163,10 @@ fn gradients_of_the_whole_network() {
 
 fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
     let encoding = features::Encoding {
-        parameterization: Parameterization::McNoise,
+        factors: Factors::new(Parameterization::McNoise, &[1, 4, 16], Law::Covariances).expect("a ladder"),
         space: Space::Linear,
-        clock: VarianceTime::new(1, 16).expect("a ladder"),
         gbuffer: true,
+        features: features::Features::Contrast,
         output,
         preset,
     };

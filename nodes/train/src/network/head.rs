@@ -31,6 +31,15 @@ impl Output {
         Self::Means
     }
 
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Means => "means",
+            Self::ShadedMeans => "shaded_means",
+            Self::Values => "values",
+        }
+    }
+
     /// True of what files say nothing of.
     pub(crate) fn is_unsaid(&self) -> bool {
         *self == Self::unsaid()

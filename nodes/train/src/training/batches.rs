@@ -246,7 +246,8 @@ impl DataSet {
             targets.extend(target);
             batch.states.push(state);
             batch.gbuffers.push(gbuffer);
-            let tau = encoding.parameterization.time(&encoding.clock, &self.counts, pick.rung, pick.t);
+            let tau =
+                encoding.factors.parameterization().time(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
             batch.tau.push(pick.told.then_some(tau));
         }
         batch.targets = Arc::new(targets);
@@ -255,7 +256,8 @@ impl DataSet {
 
     /// State, target and G-buffer of a pick.
     fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> (Vec<f32>, Vec<f32>, Option<Vec<f32>>) {
-        let lesson = encoding.parameterization.lesson(&encoding.clock, &self.counts, pick.rung, pick.t);
+        let lesson =
+            encoding.factors.parameterization().lesson(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
         let read = |scene: usize| -> (Vec<f32>, Vec<f32>) {
             let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);

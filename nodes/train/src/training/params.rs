@@ -2,7 +2,8 @@
 
 use crate::{
     device::{NetworkDevice, ON_THE_CPU},
-    network::{Loss, Output, Preset},
+    law::Law,
+    network::{Features, Loss, Output, Preset},
     space::Space,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -64,6 +65,10 @@ pub struct TrainingParams {
     pub rung_exponent: f64,
     /// Output of the network.
     pub output: Output,
+    /// Input channels of the network.
+    pub features: Features,
+    /// Known factor of targets in the network's head; only for `local_velocity` and `vanilla_rf` with means.
+    pub law: Law,
     /// Share of the examples for which the network is not told the sample count, so that it also denoises images of
     /// unknown or uneven counts.
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -104,6 +109,8 @@ impl Default for TrainingParams {
             permute_colours: false,
             rung_exponent: 0.0,
             output: Output::default(),
+            features: Features::default(),
+            law: Law::default(),
             unknown_counts: 0.0,
             independent_targets: false,
             test_every: 250,
@@ -117,6 +124,8 @@ impl Default for TrainingParams {
 pub(super) const LATER: &[Later] = &[
     Later { pointer: "/rung_exponent", before: Before::Number(0.0) },
     Later { pointer: "/output", before: Before::Text("means") },
+    Later { pointer: "/features", before: Before::Text("contrast") },
+    Later { pointer: "/law", before: Before::Text("limits") },
     Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
     Later { pointer: "/independent_targets", before: Before::Flag(false) },
     ON_THE_CPU,
@@ -133,6 +142,13 @@ fn shares(_: &mut SchemaGenerator) -> Schema {
 }
 
 impl TrainingParams {
+    /// The same training, with params that change nothing at the values of before they existed: keys and files of such
+    /// trainings do not mention them.
+    pub(super) fn acting(&self) -> Self {
+        let matters = Law::matters(self.parameterization) && self.output != Output::Values;
+        Self { law: if matters { self.law } else { Law::unsaid() }, ..self.clone() }
+    }
+
     /// Checks beyond the schema: incompatible params.
     pub(super) fn problems(&self) -> Vec<ParamProblem> {
         let mut problems = Vec::new();

@@ -5,8 +5,9 @@
 use super::{DataSet, Decay, Draw, Rates, Trainer};
 use crate::{
     device::Place,
+    law::Law,
     model::{Model, ModelInfo},
-    network::{Loss, Output, Preset},
+    network::{Features, Loss, Output, Preset},
     rollout::Denoiser,
     space::Space,
 };
@@ -28,6 +29,8 @@ fn info(preset: Preset) -> ModelInfo {
         steps: 1,
         output: Output::Means,
         unknown_counts: false,
+        features: Features::Contrast,
+        law: Law::Limits,
     }
 }
 

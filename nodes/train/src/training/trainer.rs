@@ -128,7 +128,8 @@ fn numbers(tensor: Tensor<2>) -> Result<Vec<f32>, KindError> {
 mod tests {
     use super::*;
     use crate::{
-        network::{Output, Preset},
+        law::{Factors, Law},
+        network::{Features, Output, Preset},
         space::Space,
         training::{Decay, batches::Draw},
     };
@@ -137,7 +138,6 @@ mod tests {
         methods::{Conditioning, Parameterization},
         records::PackedScene,
         rng::Stream,
-        time::VarianceTime,
     };
 
     /// Scenes of noise around a ramp; the rungs get nearer to it.
@@ -158,9 +158,9 @@ mod tests {
     }
 
     fn encoding(parameterization: Parameterization) -> Encoding {
-        let clock = VarianceTime::new(1, 16).expect("a ladder");
-        let (space, output, preset) = (Space::Linear, Output::Means, Preset::Tiny);
-        Encoding { parameterization, space, clock, gbuffer: true, output, preset }
+        let factors = Factors::new(parameterization, &[1, 4, 16], Law::Covariances).expect("a ladder");
+        let (space, features, output, preset) = (Space::Linear, Features::Contrast, Output::Means, Preset::Tiny);
+        Encoding { factors, space, gbuffer: true, features, output, preset }
     }
 
     fn rates() -> Rates {

@@ -4,8 +4,9 @@ use super::*;
 use crate::network::unet::SIDES;
 #[cfg(feature = "gpu")]
 use crate::{
+    law::{Factors, Law},
     network::{
-        Output, Preset,
+        Features, Output, Preset,
         features::{Encoding, Sample},
         head::mean_loss,
     },
@@ -13,9 +14,9 @@ use crate::{
 };
 use burn::tensor::Device;
 use std::sync::Arc;
-use tauflow_data::rng::Stream;
 #[cfg(feature = "gpu")]
-use tauflow_data::{methods::Parameterization, time::VarianceTime};
+use tauflow_data::methods::Parameterization;
+use tauflow_data::rng::Stream;
 use tauflow_ops::{Conv3, Fold, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
@@ -120,10 +121,10 @@ fn operators_on_a_device_are_those_over_slices() {
 fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
     const SIDE: usize = 16;
     let encoding = Encoding {
-        parameterization: Parameterization::McVelocity,
+        factors: Factors::new(Parameterization::McVelocity, &[1, 4, 16], Law::Covariances).expect("a ladder"),
         space: Space::Linear,
-        clock: VarianceTime::new(1, 16).expect("a ladder"),
         gbuffer,
+        features: Features::Contrast,
         output: Output::Means,
         preset,
     };

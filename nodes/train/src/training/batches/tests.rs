@@ -1,7 +1,11 @@
 use super::*;
-use crate::{network::Output, network::Preset, space::Space};
+use crate::{
+    law::{Factors, Law},
+    network::{Features, Output, Preset},
+    space::Space,
+};
 use std::collections::BTreeSet;
-use tauflow_data::{methods::Parameterization, time::VarianceTime};
+use tauflow_data::methods::Parameterization;
 
 const COUNTS: [u64; 3] = [1, 4, 16];
 const SIDE: usize = 12;
@@ -58,9 +62,9 @@ fn films_of_several_sizes_give_windows_from_all_over_each() {
 }
 
 fn encoding(parameterization: Parameterization) -> Encoding {
-    let clock = VarianceTime::new(1, 16).expect("a ladder");
-    let (space, output, preset) = (Space::Linear, Output::Means, Preset::Tiny);
-    Encoding { parameterization, space, clock, gbuffer: true, output, preset }
+    let factors = Factors::new(parameterization, &[1, 4, 16], Law::Covariances).expect("a ladder");
+    let (space, features, output, preset) = (Space::Linear, Features::Contrast, Output::Means, Preset::Tiny);
+    Encoding { factors, space, gbuffer: true, features, output, preset }
 }
 
 #[test]
@@ -77,7 +81,7 @@ fn targets_are_those_of_the_real_rungs_pixel_by_pixel() {
             // I_k - I_last, whatever the turn: 1000 for each rung between.
             assert!(target.iter().all(|t| *t == 1000.0 * (rung as f32 - 2.0)));
             let tau = batch.tau[i].expect("the network is told");
-            assert!((tau - encoding.clock.tau(COUNTS[rung] as f64)).abs() < 1e-12);
+            assert!((tau - encoding.factors.clock().tau(COUNTS[rung] as f64)).abs() < 1e-12);
             // The G-buffer moves with the state: its first channel is twice the state's place.
             let gbuffer = batch.gbuffers[i].as_ref().expect("asked for");
             for (state, gbuffer) in state.chunks_exact(3).zip(gbuffer.chunks_exact(6)) {
