@@ -1,12 +1,17 @@
 #!/usr/bin/env python3
 """Time, requests and bytes of a run on a second machine that finds all results in S3.
 
-    python3 benches/warm.py PROGRAM MOTO [--scenes 300000] [--cache CACHE PIPELINE [--target NODE]...]
+    python3 benches/warm.py PROGRAM MOTO [--scenes 300000]
+    python3 benches/warm.py PROGRAM MOTO --pipeline FILE [--profile NAME] [--cache CACHE] [--edit NODE.PARAM=VALUE]
 
-MOTO is a Python with the package moto and its server, which serves S3 on this machine. By default, the script generates
-scenes, one small action each, on machine A, and pushes them. Machine B has an empty cache and another /etc/machine-id,
-if file systems can be mounted. It runs the same pipeline, then once more, and once more after a change of one scene.
---cache uses the results of PIPELINE in CACHE instead, which is not written.
+MOTO is a Python with the package moto and its server, which serves S3 on this machine. Machine A runs a pipeline and
+pushes all results; --cache names a cache that already has them. By default the pipeline generates scenes, one small
+action each. Machine B has an empty cache and another /etc/machine-id, if file systems can be mounted.
+
+B runs three parts, each with an empty cache: all outputs that have the same bits on every machine, by the lock file of
+A; the whole pipeline with the measurements of A; and, with --measure, the whole pipeline with measurements of its own.
+Each line tells how many actions ran. The first part is repeated with the cache that it left, and after an edit: one
+more scene, or --edit.
 """
 
 import argparse
@@ -61,54 +66,77 @@ def main():
     parser.add_argument("program", type=pathlib.Path)
     parser.add_argument("moto")
     parser.add_argument("--scenes", type=int, default=300_000)
-    parser.add_argument("--cache", nargs=2, metavar=("CACHE", "PIPELINE"))
-    parser.add_argument("--target", action="append", default=[])
+    parser.add_argument("--pipeline", type=pathlib.Path)
+    parser.add_argument("--profile")
+    parser.add_argument("--cache", type=pathlib.Path)
+    parser.add_argument("--edit", metavar="NODE.PARAM=VALUE")
+    parser.add_argument("--measure", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         process, url = server(options.moto, folder)
         try:
-            measure(options, folder, url)
+            Machines(options, folder, url).measure()
         finally:
             process.terminate()
             process.wait()
 
 
-def measure(options, folder, url):
-    program = options.program.resolve()
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("AWS_")}
-    environment |= {"AWS_ENDPOINT_URL": url, "AWS_ALLOW_HTTP": "true", "AWS_REGION": "us-east-1"}
-    environment |= {"AWS_ACCESS_KEY_ID": "id", "AWS_SECRET_ACCESS_KEY": "secret"}
-    at_b = another_machine(folder)
-    print("machine B:", "another machine-id" if at_b else "the same machine-id")
+class Machines:
+    """Machine A, machine B, and the upstream between them."""
 
-    def tauflow(what, *words, before=()):
+    def __init__(self, options, folder, url):
+        self.options, self.folder = options, folder
+        self.program = options.program.resolve()
+        self.environment = {name: value for name, value in os.environ.items() if not name.startswith("AWS_")}
+        self.environment |= {"AWS_ENDPOINT_URL": url, "AWS_ALLOW_HTTP": "true", "AWS_REGION": "us-east-1"}
+        self.environment |= {"AWS_ACCESS_KEY_ID": "id", "AWS_SECRET_ACCESS_KEY": "secret"}
+        self.at_b = another_machine(folder)
+        self.upstream = ["--upstream", "s3://lab/results"]
+        self.profile = ["--profile", options.profile] if options.profile else []
+        self.pipeline = folder / (options.pipeline.name if options.pipeline else "scenes.yaml")
+        self.edit = ["--set", options.edit or f"scenes.pool={options.scenes + 1}"]
+        if options.pipeline:
+            self.pipeline.write_text(options.pipeline.read_text())
+        else:
+            self.pipeline.write_text(SCENES.format(options.scenes))
+        print("machine B:", "another machine-id" if self.at_b else "the same machine-id")
+
+    def tauflow(self, what, *words, before=()):
         begun = time.monotonic()
-        words = [*before, program, *words]
-        said = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+        words = [*before, self.program, *words]
+        said = subprocess.run(words, cwd=self.folder, env=self.environment, capture_output=True, text=True)
         taken = time.monotonic() - begun
         assert said.returncode == 0, said.stderr
-        traffic = re.findall(r"^upstream: .*$", said.stderr, re.M)
-        done = re.findall(r"^(?:nothing to do.*|.* ran, .*|pushed .*|.* left out.*)$", said.stderr + said.stdout, re.M)
-        print(f"{what:28} {taken:7.2f} s  {'; '.join(done)}")
-        for line in traffic:
-            print(f"{'':28}            {line}")
+        told = said.stderr + said.stdout
+        done = re.findall(r"^(?:nothing to do.*|.* ran, .*|pushed .*|.* left out.*|measurements: .*)$", told, re.M)
+        print(f"{what:34} {taken:7.2f} s  {'; '.join(done)}", flush=True)
+        for line in re.findall(r"^upstream: .*$", said.stderr, re.M):
+            print(f"{'':34}            {line}", flush=True)
 
-    upstream = ["--upstream", "s3://lab/results"]
-    if options.cache:
-        cache, pipeline = options.cache[0], pathlib.Path(options.cache[1]).resolve()
-    else:
-        cache, pipeline = folder / "a", folder / "scenes.yaml"
-        pipeline.write_text(SCENES.format(options.scenes))
-        tauflow("machine A", "run", pipeline, "--cache", cache, "--upstream", "")
-    tauflow("machine A pushes", "cache", "push", pipeline, "--cache", cache, *upstream)
-    targets = [word for target in options.target for word in ("--target", target)]
-    run = ["run", pipeline, *targets, "--cache", folder / "b", *upstream]
-    tauflow("machine B", *run, before=at_b)
-    tauflow("machine B again", *run, before=at_b)
-    if not options.cache:
-        pipeline.write_text(SCENES.format(options.scenes + 1))
-        tauflow("machine B, one more scene", *run, before=at_b)
+    def on_b(self, what, cache, *words):
+        run = ["run", self.pipeline, *self.profile, *words, "--cache", self.folder / cache, *self.upstream]
+        self.tauflow(f"machine B, {what}", *run, before=self.at_b)
+
+    def measure(self):
+        options = self.options
+        cache = (options.cache or self.folder / "a").resolve()
+        on_a = [self.pipeline, *self.profile, "--cache", cache]
+        self.tauflow("machine A", "run", *on_a, "--upstream", "", "--update-lock")
+        self.tauflow("machine A pushes", "cache", "push", *on_a, "--all", *self.upstream)
+        (lock,) = self.folder.glob("*.lock")
+        part = lock.read_text().split("left_out:")[0]
+        found = re.findall(r'^  "?(\w+)(?:\[.*\])?\.(\w+)"?: ', part, re.M)
+        bitwise = sorted({".".join(output) for output in found})
+        print(f"{len(bitwise)} outputs have the same bits on every machine")
+        targets = [word for output in bitwise for word in ("--target", output)]
+        self.on_b("bitwise outputs", "b", *targets)
+        self.on_b("again", "b", *targets)
+        self.on_b("after an edit", "b", *targets, *self.edit)
+        if options.pipeline:
+            self.on_b("all, A's measurements", "accepting", "--accept-measured")
+        if options.measure:
+            self.on_b("all, measured again", "measuring")
 
 
 main()

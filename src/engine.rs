@@ -16,6 +16,7 @@ mod keys;
 mod lanes;
 mod listing;
 mod look_up;
+mod measured;
 mod output;
 mod probe;
 pub(crate) mod publish;
@@ -36,8 +37,9 @@ pub use event::Summary;
 pub use executor::{Apart, ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
+pub use measured::Measured;
 pub use reached::{holds_anywhere, reached, seen_by};
-pub use records::{ACTION, PIPELINE, ROLLUP, SEEN, SHARD, now};
+pub use records::{ACTION, MACHINE, PIPELINE, ROLLUP, SEEN, SHARD, now};
 pub use sharded::Listed;
 
 use crate::{
@@ -82,6 +84,9 @@ pub struct RunOptions {
     pub executor: ExecutorKind,
     /// The share of the actions that this run does; all of them unless told.
     pub share: Option<Share>,
+    /// Where measurements are made or taken from; as in the last run of the pipeline unless told. Jobs of a class of
+    /// nodes override it, unless measurements are accepted.
+    pub measured: Option<Measured>,
 }
 
 /// Where actions run.
@@ -113,6 +118,7 @@ impl Default for RunOptions {
             account: None,
             executor: ExecutorKind::Threads,
             share: None,
+            measured: None,
         }
     }
 }

@@ -14,6 +14,12 @@ pub trait Beyond: Debug + Send + Sync {
     /// Whether a blob is said to be there, without reading it.
     fn contains(&self, digest: &Digest) -> bool;
 
+    /// The keys of all records of a namespace.
+    fn keys(&self, namespace: &str) -> Vec<Key> {
+        let _ = namespace;
+        Vec::new()
+    }
+
     /// A blob, if it is there.
     fn blob(&self, digest: &Digest) -> Option<Vec<u8>>;
 }
@@ -22,6 +28,15 @@ impl Store {
     /// Has this store ask there for what it lacks: look-ups, reads of blobs, and questions whether a blob is there.
     pub fn look_beyond(&mut self, beyond: Arc<dyn Beyond>) {
         self.beyond = Some(beyond);
+    }
+
+    /// The keys of a namespace's records here and there, sorted.
+    pub fn keys_with_beyond(&self, namespace: &str) -> Vec<Key> {
+        let mut keys = self.keys_like(namespace, "");
+        keys.extend(self.beyond.iter().flat_map(|beyond| beyond.keys(namespace)));
+        keys.sort_unstable();
+        keys.dedup();
+        keys
     }
 
     /// Fills the gaps of a look-up of these keys.

@@ -22,6 +22,8 @@ pub(crate) struct Config {
     pub(crate) upstream_key: Option<String>,
     /// The commands of `--executor command`.
     pub(crate) command: Option<Commands>,
+    /// The class of nodes on which jobs measure, or `local`.
+    pub(crate) timing: Option<String>,
 }
 
 /// How jobs are given to a scheduler.

@@ -38,6 +38,11 @@ pub(crate) struct ExecutorArgs {
     /// Batches and results go through the upstream, which must be set and writable.
     #[arg(long, value_name = "DIR")]
     worker_cache: Option<PathBuf>,
+    /// With a scheduler: where actions run that only measure. `local` is the machine of this run, the default. CLASS is
+    /// a feature of Slurm nodes, or a resource of HyperQueue workers: they run on one machine of this class, one at a
+    /// time, with the machine to themselves. The configuration can set it, too (`timing: CLASS`).
+    #[arg(long, value_name = "local|CLASS")]
+    timing: Option<String>,
     /// Ask the scheduler for the state of jobs every so often.
     #[arg(long, value_name = "TIME", default_value = "3s", value_parser = seconds)]
     poll_every: f64,
@@ -78,6 +83,7 @@ impl ExecutorArgs {
         if self.worker_cache.is_some() && matches!(self.executor, Where::Threads | Where::Process) {
             return Err(CliError::Bad("--worker-cache needs --executor slurm, hyperqueue or command".into()));
         }
+        let timing = self.timing()?;
         let scheduling = match self.executor {
             Where::Threads => return Ok(ExecutorKind::Threads),
             Where::Process => return Ok(ExecutorKind::Processes(worker(cache, false)?)),
@@ -100,7 +106,31 @@ impl ExecutorArgs {
             retries: self.retries,
             most: if jobs == 0 { MOST_JOBS } else { jobs },
             poll: Duration::from_secs_f64(self.poll_every),
+            timing,
         })))
+    }
+
+    /// The class of nodes that measure, if it is not this machine.
+    fn timing(&self) -> Result<Option<String>, CliError> {
+        let threads = matches!(self.executor, Where::Threads | Where::Process);
+        let given = match &self.timing {
+            Some(class) if threads && class != "local" => {
+                let message = format!("--timing {class} needs --executor slurm, hyperqueue or command");
+                return Err(CliError::Bad(message));
+            }
+            Some(class) => Some(class.clone()),
+            None if threads => None,
+            None => Config::read()?.timing,
+        };
+        let plain =
+            |class: &str| !class.is_empty() && class.chars().all(|c| c.is_ascii_alphanumeric() || "_-./".contains(c));
+        match given.filter(|class| class != "local") {
+            Some(class) if class.starts_with('-') || !plain(&class) => Err(CliError::Bad(format!(
+                "--timing `{class}` is no class of nodes; give `local`, or a name of letters, digits, `_`, `-`, `.` \
+                 and `/`"
+            ))),
+            class => Ok(class),
+        }
     }
 
     fn commands(&self) -> Result<Scheduling, CliError> {

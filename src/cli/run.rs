@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     engine::{
-        self, Only, RunOptions, Share, Summary,
+        self, Measured, Only, RunOptions, Share, Summary,
         event::{self, Failure},
     },
     kinds::Registry,
@@ -80,6 +80,11 @@ pub(crate) struct RunArgs {
     /// result that differs is quarantined, and this machine's result is used.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     audit: f64,
+    /// Take measurements of another machine from the cache or its upstream, and measure nothing here. HOST is needed
+    /// if several machines measured. What HOST did not measure fails. Without this option, a run measures again.
+    #[arg(long, value_name = "HOST", num_args = 0..=1, require_equals = true, default_missing_value = "",
+          conflicts_with_all = ["recheck", "timing"])]
+    accept_measured: Option<String>,
     /// Look up every item, even if a whole node is known to be up to date.
     #[arg(long)]
     no_rollup: bool,
@@ -125,6 +130,10 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let before = if args.locked { Some(Lock::read(&args.lock_path())?) } else { None };
     let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
     let store = cache.open()?;
+    let measured = match args.accept_measured.as_deref() {
+        None => Measured::default(),
+        Some(host) => Measured::accept(&store, Some(host).filter(|host| !host.is_empty()))?,
+    };
     let stop = Arc::new(AtomicBool::new(false));
     let display = Display::new(&pipeline, args.events.is_some());
     listen(stop.clone(), display.voice())?;
@@ -145,6 +154,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         out: Some(args.out.clone()),
         executor: args.executor.executor(cache, &pipeline, args.jobs.into())?,
         share: args.shard.map(|share| share.waiting(args.wait)),
+        measured: Some(measured),
         ..RunOptions::default()
     };
     // The results are there, whatever becomes of the record.
@@ -189,8 +199,13 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     let summary = summary?;
     there?;
+    let measured = Measured::last(&store, &pipeline);
     drop(store);
     tell(&summary, &pipeline, args, cache);
+    if let Some(machine) = measured.words() {
+        let how = if measured.accepted { "accepted from" } else { "made on" };
+        eprintln!("measurements: {how} {machine}");
+    }
     if let Some(traffic) = cache.reader()?.and_then(|reader| reader.traffic()) {
         eprintln!("upstream: {}", upstream::traffic_text(traffic));
     }

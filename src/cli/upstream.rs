@@ -23,7 +23,7 @@ use tauflow_upstream::{
 /// What a whole run reaches stays, too, because it names all outputs, measured ones included.
 const PUSHED: &[&str] = &[engine::ACTION, ROLLUP, SHARD];
 /// Records that come down. The lists of files that programs looked at are pushed with their actions.
-const SHARED: &[&str] = &[engine::ACTION, ROLLUP, SHARD, engine::SEEN];
+const SHARED: &[&str] = &[engine::ACTION, ROLLUP, SHARD, engine::SEEN, engine::MACHINE];
 
 impl From<UpstreamError> for CliError {
     fn from(error: UpstreamError) -> Self {
@@ -131,8 +131,8 @@ pub(crate) struct PushArgs {
     /// Override a param or named value, as for `run`. Can be repeated.
     #[arg(long = "set", value_name = "NODE.PARAM=VALUE", requires = "pipeline")]
     sets: Vec<String>,
-    /// Push also measured and machine-dependent outputs, and what was made together with them, such as a trained model
-    /// with its training time. Other machines then show these measurements as their own.
+    /// Push also measurements and machine-dependent outputs. Another machine takes measurements only with `run
+    /// --accept-measured`.
     #[arg(long)]
     all: bool,
     /// Sign what is written with the secret key in this file, which `cache keygen FILE` makes. Packs without a
@@ -209,6 +209,9 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
             engine::reached(&pipeline.resolve(registry)?, &store)?
         }
     };
+    // Whoever accepts measurements looks for the machines first.
+    let machines = if args.all { tauflow_upstream::all(&store, &[engine::MACHINE]) } else { Vec::new() };
+    let keys = [keys, machines].concat();
     // Where there is no upstream yet, a dry run has nothing to compare with, and makes none.
     let upstream = if args.dry_run { opened(at)? } else { created(at)? };
     let upstream = if let Some(key) = key { upstream.signing(key)? } else { upstream };

@@ -12,6 +12,7 @@ use super::{
     execute::{ActionInputs, Execution, Outcome, PreparedAction},
     holdings::Holdings,
     ids::Id,
+    measured::{Fetched, Machine},
 };
 use crate::kinds::Registry;
 use nix::{
@@ -47,6 +48,9 @@ pub struct BatchFile {
     /// Blobs that were found missing: a record that names one counts only when it is there again.
     #[serde(default)]
     pub wanted: Vec<Digest>,
+    /// Tell the machine first.
+    #[serde(default)]
+    pub machine: bool,
 }
 
 /// An action of a batch.
@@ -67,6 +71,13 @@ pub struct BatchedAction {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "batch", rename_all = "snake_case")]
 pub enum Line {
+    /// The machine that runs the batch.
+    Machine {
+        /// It.
+        of: Machine,
+        /// Its name for the scheduler.
+        node: Option<String>,
+    },
     /// An action begins.
     Begun {
         /// Which.
@@ -150,7 +161,11 @@ impl BatchedAction {
         }
         let producer = &action.producer;
         let name = |port: &super::ids::PortId| producer.spec.outputs[port.place()].name.to_owned();
-        let handling = Handling { transient: producer.transient, read: producer.read.iter().map(name).collect() };
+        let handling = Handling {
+            transient: producer.transient,
+            read: producer.read.iter().map(name).collect(),
+            own: producer.fetched != Fetched::All,
+        };
         let file = ActionFile { key: action.key.clone(), recipe: action.given(store)? };
         Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
@@ -210,6 +225,9 @@ impl BatchFile {
         tell: &(dyn Fn(&Line) + Sync),
         recorded: Option<&dyn Fn(Key)>,
     ) -> Result<(), EngineError> {
+        if self.machine {
+            tell(&Line::Machine { of: Machine::here(), node: std::env::var("SLURMD_NODENAME").ok() });
+        }
         let wanted = self.wanted.into_iter().collect::<HashSet<_>>();
         // Nothing is passed on in memory here: all inputs are stored.
         let site = ExecSite { holdings: Holdings::stored(store, &wanted), registry, stop };
@@ -307,7 +325,9 @@ pub fn serve(batch: BatchFile, store: &Store, registry: &Registry, to: Telling<'
 mod tests {
     use super::*;
     use crate::{
-        engine::{execute::Producer, ids::InputId, output::Output, sharded::Sharded, transient::Pool},
+        engine::{
+            execute::Producer, ids::InputId, measured::Fetched, output::Output, sharded::Sharded, transient::Pool,
+        },
         registry::registry,
     };
     use std::collections::BTreeMap;
@@ -331,7 +351,15 @@ mod tests {
         let (spec, group, read) = (kind.spec(), "main", Vec::new());
         let key = ActionKey { basis: Basis::new("image_metrics", 1, group), inputs: BTreeMap::new() };
         let action = PreparedAction {
-            producer: Arc::new(Producer { kind, spec, group, transient: true, read }),
+            producer: Arc::new(Producer {
+                kind,
+                spec,
+                group,
+                transient: true,
+                read,
+                fetched: Fetched::All,
+                bound: false,
+            }),
             hash: key.hash(),
             key,
             item: None,
@@ -344,7 +372,7 @@ mod tests {
         let left = BatchedAction::leave(&action, holdings).expect("the store has room");
         assert!(store.contains(&one) && store.contains(&other), "a child has no other place to read them");
         assert!(left.handling.transient && !left.compare);
-        let batch = BatchFile { actions: vec![left], wanted: Vec::new() };
+        let batch = BatchFile { actions: vec![left], ..BatchFile::default() };
         let text = serde_json::to_string(&batch).expect("plain data");
         let back: BatchFile = serde_json::from_str(&text).expect("own text parses");
         assert_eq!(back.actions[0].action, batch.actions[0].action);

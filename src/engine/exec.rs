@@ -6,6 +6,7 @@ use super::{
     explain,
     holdings::Holdings,
     ids::{Id, InputId, PortId},
+    measured::Fetched,
     output::Output,
     probe::Asking,
     records::{ACTION, port_of},
@@ -154,7 +155,7 @@ impl ActionFile {
         let mut action = self.prepare(store, site.registry, handling)?;
         if compare {
             let record = store.lookup(ACTION, &action.hash);
-            action.before = site.holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?;
+            action.before = site.holdings.made(record.as_deref(), &action.producer)?;
         }
         let execution = execute(&action, site.holdings, site.stop, progress);
         Ok((action, execution))
@@ -236,7 +237,15 @@ impl ActionFile {
             return Err(ExecError::Action("the recipe lacks inputs of the key".into()));
         }
         let read = handling.read.iter().filter_map(|name| port_of(&spec, name)).collect();
-        let producer = Producer { kind: kind.clone(), group: group.name, spec, transient: handling.transient, read };
+        let producer = Producer {
+            kind: kind.clone(),
+            group: group.name,
+            spec,
+            transient: handling.transient,
+            read,
+            fetched: if handling.own { Fetched::None } else { Fetched::All },
+            bound: !key.basis.environment.is_null(),
+        };
         let (producer, whole) = (Arc::new(producer), Arc::new(whole));
         Ok(PreparedAction { producer, key, hash, item: recipe.item, each, whole, file, before: None })
     }
@@ -262,6 +271,9 @@ pub struct Handling {
     /// Output ports that somebody reads.
     #[serde(default)]
     pub read: Vec<String>,
+    /// What it measures must not come from an upstream.
+    #[serde(default)]
+    pub own: bool,
 }
 
 /// The actions of the store whose key begins like this.

@@ -8,6 +8,7 @@ use super::{
     action::{check_outputs, panicked},
     holdings::Holdings,
     ids::{Id, InputId, PortId},
+    measured::Fetched,
     output::Output,
     records::{self, ACTION, Made, Payload, QUARANTINE, StoreBlobs, port_of},
     sharded::{Listed, Sharded},
@@ -44,6 +45,10 @@ pub struct Producer {
     pub transient: bool,
     /// Output ports that somebody reads.
     pub read: Vec<PortId>,
+    /// Which records of an upstream count.
+    pub fetched: Fetched,
+    /// Other machines have other keys: they name a machine, a library or a device, or what is read may differ there.
+    pub bound: bool,
 }
 
 impl Producer {
@@ -187,7 +192,7 @@ impl Executing<'_> {
         if self.action.before.is_none() {
             // Whoever held it, in this process or another, may have done it meanwhile.
             let record = self.action.recorded(store)?;
-            if let Some(made) = self.holdings.made(record.as_deref(), &producer.spec, producer.group)? {
+            if let Some(made) = self.holdings.made(record.as_deref(), producer)? {
                 return Ok(Outcome::Hit(made));
             }
         }
@@ -297,7 +302,13 @@ impl Executing<'_> {
         }
         let record = records::record(ACTION, hash, spec.name, key.preimage(), &payload);
         let record = Record { wall_us, bytes, recipe, transient: *transient, ..record };
-        if let Recorded::Conflict { existing } = store.record(&record)? {
+        let recorded = store.record(&record)?;
+        if let Recorded::Same = recorded
+            && store.read(ACTION, &hash).is_some_and(|known| !self.producer.fetched.counts(&known))
+        {
+            store.replace(&record)?;
+        }
+        if let Recorded::Conflict { existing } = recorded {
             let other = Payload::of(&existing).unwrap_or_default();
             let differing = other.differs(&payload, spec);
             if !differing.is_empty() {
@@ -311,6 +322,7 @@ impl Executing<'_> {
             }
             // The earlier outputs stay, measured ones too, as long as they are whole and were not quarantined.
             if action.before.is_none()
+                && self.producer.fetched.counts(&existing)
                 && existing.refs.iter().chain(&existing.trees).all(|d| self.holdings.is_here(d))
                 && let Some(made) = records::load(store, &existing, spec, group)?
             {
@@ -320,7 +332,7 @@ impl Executing<'_> {
         }
         let port = |(name, artifact): (String, Artifact)| Some((port_of(spec, &name)?, Output::new(artifact)));
         let items = payload.items.into_iter().filter_map(port).collect();
-        Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put }))
+        Ok(Outcome::Ran(Made { items, collections, wall_us, bytes, put, fetched: None }))
     }
 
     /// The outcome of a recheck or an audit.
@@ -338,7 +350,7 @@ impl Executing<'_> {
         if differing.is_empty() {
             return Ok(Outcome::Ran(made.clone()));
         }
-        if let Some(record) = record.as_deref().filter(|record| record.fetched && before.is_bitwise(spec)) {
+        if let Some(record) = record.as_deref().filter(|record| record.fetched && before.is_portable(spec)) {
             let told = quarantine(store, record, &differing)?;
             let outcome = self.keep(produced, wall_us, warning)?;
             *warning = Some(told);

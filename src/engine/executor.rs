@@ -11,7 +11,7 @@ mod shard;
 mod threads;
 
 pub use budget::{Budget, Capacity};
-pub use jobs::{Apart, JobOption, JobOptions, Jobs, Scheduling};
+pub use jobs::{Apart, JobOption, JobOptions, Jobs, Place, Scheduling, measuring_place};
 pub use processes::{ChildCommand, Processes};
 pub use shard::{Share, Shared, Waiting};
 pub use threads::{Site, Threads};

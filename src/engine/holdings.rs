@@ -2,12 +2,12 @@
 //! missing from both.
 
 use super::{
+    execute::Producer,
     records::{self, Made},
     transient::Pool,
 };
 use std::collections::HashSet;
 use tauflow_cache::{CacheError, Digest, Record, Store};
-use tauflow_contract::KindSpec;
 
 /// See the module.
 #[derive(Clone, Copy)]
@@ -59,27 +59,22 @@ impl<'a> Holdings<'a> {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn made(&self, record: Option<&Record>, spec: &KindSpec, group: &str) -> Result<Option<Made>, CacheError> {
-        Ok(self.made_many(&[record], spec, group)?.remove(0)) // one for each record
+    pub fn made(&self, record: Option<&Record>, producer: &Producer) -> Result<Option<Made>, CacheError> {
+        Ok(self.made_many(&[record], producer)?.remove(0)) // one for each record
     }
 
     /// As [`made`](Self::made), of several actions of one group together.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn made_many(
-        &self,
-        records: &[Option<&Record>],
-        spec: &KindSpec,
-        group: &str,
-    ) -> Result<Vec<Option<Made>>, CacheError> {
+    pub fn made_many(&self, records: &[Option<&Record>], producer: &Producer) -> Result<Vec<Option<Made>>, CacheError> {
         let mut whole = Vec::with_capacity(records.len());
         for record in records {
             whole.push(match record {
-                Some(record) if self.intact(record)? => Some(*record),
+                Some(record) if producer.fetched.counts(record) && self.intact(record)? => Some(*record),
                 _ => None,
             });
         }
-        records::load_many(self.store, &whole, spec, group)
+        records::load_many(self.store, &whole, &producer.spec, producer.group)
     }
 }

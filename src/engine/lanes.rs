@@ -60,6 +60,11 @@ impl LaneBasis {
         Self::new(&self.0, Value::Null, self.0.seed)
     }
 
+    /// Whether it names a machine, a library or a device.
+    pub fn names_environment(&self) -> bool {
+        !self.0.environment.is_null()
+    }
+
     /// That of an action, by its params, and by its seed, which is derived from the pipeline's.
     pub fn of_action(&self, params: Value, derive: impl FnOnce(u64) -> u64) -> Basis {
         self.0.with(params, self.0.seed.map(derive))

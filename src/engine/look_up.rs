@@ -137,7 +137,7 @@ impl Catalog<'_> {
         let mut keyed = keyed.collect::<Result<Vec<_>, CacheError>>()?;
         let records = self.recorded(task, &mut keyed)?;
         let borrowed: Vec<Option<&Record>> = records.iter().map(Option::as_deref).collect();
-        let made = self.holdings.made_many(&borrowed, &task.producer.spec, task.producer.group)?;
+        let made = self.holdings.made_many(&borrowed, &task.producer)?;
         let mut found = borrowed.into_iter().zip(made);
         let looked_up = |(of, key): (&LookUp, Result<Keyed, String>)| {
             let slot: (LaneId, SlotId) = (task.lane, of.slot);
@@ -149,7 +149,10 @@ impl Catalog<'_> {
             let kept = self.keep_keys.then(|| Box::new(key.clone()));
             let (record, made) = found.next().unwrap_or_default();
             let standing = match made {
-                Some(made) if self.dry || !self.is_compared(&hash, record, task) => Finding::Hit(made),
+                Some(made) if self.dry || task.only_there.is_some() || !self.is_compared(&hash, record, task) => {
+                    Finding::Hit(made)
+                }
+                None if !self.dry && task.only_there.is_some() => Finding::Failed(not_measured(task)),
                 None if self.dry => Finding::WouldRun { lost: record.is_some(), gone: self.gone(of) },
                 before => Finding::Todo(Box::new(Todo { key, hash, file, before })),
             };
@@ -214,9 +217,18 @@ impl Catalog<'_> {
     fn is_compared(&self, hash: &Key, record: Option<&Record>, task: &Task) -> bool {
         let head = u32::from_le_bytes([hash.0[0], hash.0[1], hash.0[2], hash.0[3]]);
         let sampled = |share: f64| f64::from(head) < share * f64::from(u32::MAX);
-        let is_bitwise = |record: &Record| Payload::of(record).is_some_and(|p| p.is_bitwise(&task.producer.spec));
-        sampled(self.recheck) || sampled(self.audit) && record.is_some_and(|of| of.fetched && is_bitwise(of))
+        let is_portable = |record: &Record| Payload::of(record).is_some_and(|p| p.is_portable(&task.producer.spec));
+        sampled(self.recheck) || sampled(self.audit) && record.is_some_and(|of| of.fetched && is_portable(of))
     }
+}
+
+/// Why an action does not run that only another machine could measure.
+fn not_measured(task: &Task) -> String {
+    format!(
+        "`{}` did not measure this, or its result is missing; measure it there and push it with `tauflow cache push \
+         PIPELINE --all`, or measure everything here: `tauflow run` without --accept-measured",
+        task.only_there.as_deref().unwrap_or_default()
+    )
 }
 
 /// The items of a source, in order.

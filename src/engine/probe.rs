@@ -3,23 +3,30 @@
 
 use super::{
     EngineError,
-    records::{MEMO, maker, now},
+    records::{self, MEMO},
 };
 use serde_json::{Value, json};
 use std::cell::RefCell;
-use tauflow_cache::{CacheError, Record, Recorded, Store};
+use tauflow_cache::{CacheError, Store};
 use tauflow_contract::{Basis, Group, MemoKey, NodeKind, Probe};
 
 /// Asks programs for a run, or the store for a plan.
 pub struct Asking<'a> {
     store: &'a Store,
     acts: bool,
+    /// The machine on which times are measured, if it is not this one.
+    measuring: Option<&'a Value>,
 }
 
 impl<'a> Asking<'a> {
     /// Programs are run only if it `acts`.
     pub fn new(store: &'a Store, acts: bool) -> Self {
-        Self { store, acts }
+        Self { store, acts, measuring: None }
+    }
+
+    /// The same, with times measured on this machine.
+    pub fn measuring(self, machine: Option<&'a Value>) -> Self {
+        Self { measuring: machine, ..self }
     }
 
     /// The environment in the keys of a kind's group; none if only a program can provide it, and no program may run.
@@ -29,7 +36,9 @@ impl<'a> Asking<'a> {
     pub fn environment(&self, kind: &dyn NodeKind, params: &Value, group: Group) -> Result<Option<Value>, EngineError> {
         let name = kind.spec().name;
         // Answers are of a version of the kind, as its outputs are: another may ask otherwise.
-        let of = Of { asking: self, basis: Basis::new(name, group.version, "environment"), failed: RefCell::default() };
+        let machine = self.measuring.filter(|_| kind.spec_for(params).measures(group.name));
+        let basis = Basis::new(name, group.version, "environment");
+        let of = Of { asking: self, basis, machine, failed: RefCell::default() };
         let environment = kind.environment(params, group.name, &of);
         if let Some(error) = of.failed.into_inner() {
             return Err(error.into());
@@ -52,6 +61,7 @@ pub fn unknown() -> Value {
 struct Of<'a> {
     asking: &'a Asking<'a>,
     basis: Basis,
+    machine: Option<&'a Value>,
     failed: RefCell<Option<CacheError>>,
 }
 
@@ -63,32 +73,17 @@ impl Probe for Of<'_> {
             return serde_json::from_str(&store.lookup(MEMO, &key.hash())?.payload).ok();
         }
         let answer = ask();
-        let record = Record {
-            namespace: MEMO.into(),
-            key: key.hash(),
-            label: key.name(),
-            preimage: serde_json::to_string(&key).expect("a key holds only plain values"),
-            payload: answer.to_string(),
-            recipe: String::new(),
-            derived: false,
-            transient: false,
-            refs: Vec::new(),
-            trees: Vec::new(),
-            wall_us: 0,
-            bytes: 0,
-            when: now(),
-            maker: maker(),
-            fetched: false,
-        };
+        let preimage = serde_json::to_string(&key).expect("a key holds only plain values");
+        let record = records::note(MEMO, key.hash(), &key.name(), preimage, answer.to_string());
         // The last answer counts: the same program may tell another version when what it loads has changed.
-        let kept = match store.record(&record) {
-            Ok(Recorded::New | Recorded::Same) => Ok(()),
-            Ok(Recorded::Conflict { .. }) => store.replace(&record),
-            Err(error) => Err(error),
-        };
+        let kept = records::keep_last(store, &record);
         if let Err(error) = kept {
             self.failed.borrow_mut().get_or_insert(error);
         }
         Some(answer)
+    }
+
+    fn machine(&self) -> Option<Value> {
+        self.machine.cloned()
     }
 }

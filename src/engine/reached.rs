@@ -66,8 +66,9 @@ pub fn seen_by(store: &Store, keys: &[(&str, Key)], free: &dyn Fn(&Record) -> bo
     lists.into_iter().map(|key| (SEEN, key)).collect()
 }
 
-/// Whether the outputs in a record are the same bits on any machine. Neither measurements are, nor what depends on a
-/// library of a machine, nor what an unknown kind made.
+/// Whether the outputs in a record are of use on any machine: they have the same bits everywhere, or are made together
+/// with outputs that do. Neither mere measurements are, nor what depends on a library of a machine, nor what an unknown
+/// kind made.
 pub fn holds_anywhere(record: &Record, registry: &Registry) -> bool {
     let (Some(kind), Some(payload)) = (registry.get(&record.label), Payload::of(record)) else { return false };
     let spec = match serde_json::from_str::<Value>(&record.preimage) {
@@ -76,5 +77,5 @@ pub fn holds_anywhere(record: &Record, registry: &Registry) -> bool {
         _ if !kind.port_params().is_empty() => return false,
         _ => kind.spec(),
     };
-    payload.is_bitwise(&spec)
+    payload.is_portable(&spec)
 }

@@ -3,6 +3,7 @@
 
 use super::{
     ids::{Id, PortId},
+    measured::is_mixed,
     output::Output,
     sharded::{Listed, Sharded},
     transient::Pool,
@@ -34,6 +35,8 @@ pub const MEMO: &str = "memo";
 pub const QUARANTINE: &str = "quarantine";
 /// Namespace of the lists of files that programs looked at.
 pub const SEEN: &str = "seen";
+/// Namespace of machines that measured something.
+pub const MACHINE: &str = "machine";
 
 /// Seconds since 1970, for records; no key depends on it.
 pub fn now() -> u64 {
@@ -83,12 +86,13 @@ impl Payload {
         refs
     }
 
-    /// Whether all outputs have the same bits on any machine.
-    pub fn is_bitwise(&self, spec: &KindSpec) -> bool {
-        self.items.keys().chain(self.collections.keys()).all(|name| {
-            let port = spec.outputs.iter().find(|port| port.name == *name);
-            port.is_some_and(|port| port.determinism == Determinism::Bitwise)
-        })
+    /// Whether an output has the same bits on any machine, and the others are measurements.
+    pub fn is_portable(&self, spec: &KindSpec) -> bool {
+        let of = |name: &String| {
+            spec.outputs.iter().find(|port| port.name == *name).map_or(Determinism::Local, |port| port.determinism)
+        };
+        let found: Vec<Determinism> = self.items.keys().chain(self.collections.keys()).map(of).collect();
+        found.contains(&Determinism::Bitwise) && !found.contains(&Determinism::Local)
     }
 
     /// Its listings.
@@ -252,6 +256,8 @@ pub struct Made {
     pub bytes: u64,
     /// Bytes of the blobs that it put when it ran: outputs may name blobs of others.
     pub put: u64,
+    /// Who made it, if it came from an upstream and has measurements beside other outputs.
+    pub fetched: Option<Arc<str>>,
 }
 
 impl Made {
@@ -312,6 +318,7 @@ pub fn load_many(
     let collections = payloads.iter().flatten().flat_map(|payload| &payload.collections);
     let asked: Vec<_> = collections.map(|(name, listed)| (listed, media(name))).collect();
     let mut read = Sharded::get_many(store, &asked)?.into_iter();
+    let mixed = is_mixed(spec, group);
     let made = |(payload, record): (Option<Payload>, &Option<&Record>)| {
         let (payload, record) = (payload?, (*record)?);
         let listed: Vec<_> = payload.collections.keys().zip(read.by_ref()).collect();
@@ -323,6 +330,7 @@ pub fn load_many(
             wall_us: record.wall_us,
             bytes: record.bytes,
             put: 0,
+            fetched: (mixed && record.fetched).then(|| record.maker.as_str().into()),
         })
     };
     Ok(payloads.into_iter().zip(records).map(made).collect())
@@ -346,5 +354,22 @@ pub fn record(namespace: &str, key: Key, label: &str, preimage: String, payload:
         when: now(),
         maker: maker(),
         fetched: false,
+    }
+}
+
+/// A record of a text that is no output.
+pub fn note(namespace: &str, key: Key, label: &str, preimage: String, payload: String) -> Record {
+    let record = record(namespace, key, label, preimage, &Payload::default());
+    Record { payload, derived: false, ..record }
+}
+
+/// Records a text; the last one counts.
+///
+/// # Errors
+/// If the store cannot be written.
+pub fn keep_last(store: &Store, record: &Record) -> Result<(), CacheError> {
+    match store.record(record)? {
+        Recorded::New | Recorded::Same => Ok(()),
+        Recorded::Conflict { .. } => store.replace(record),
     }
 }

@@ -8,7 +8,8 @@ use super::{
     event::Name,
     execute::{Producer, Whole},
     ids::{InputId, LaneId, PortId, Row, SlotId},
-    lanes::{Lane, LaneBasis, Lanes, ReadingPort},
+    lanes::{Lane, LaneBasis, LaneFeed, Lanes, ReadingPort, target_ports},
+    measured::{Fetched, Measured, is_mixed},
     output::Output,
     records::{Made, Payload},
     sharded::{Here, Listed, Shard, Sharded},
@@ -17,7 +18,7 @@ use crate::pipeline::Pipeline;
 use serde_json::Value;
 use std::{path::PathBuf, sync::Arc};
 use tauflow_cache::{Digest, Key};
-use tauflow_contract::{ActionKey, Artifact, ItemKey, NodeKind, Projection, SourceItem};
+use tauflow_contract::{ActionKey, Artifact, Determinism, ItemKey, NodeKind, Projection, SourceItem};
 
 /// A request of the scheduler.
 pub enum Request {
@@ -164,6 +165,8 @@ pub struct RolledShard {
     pub outputs: Vec<(PortId, Arc<Shard>)>,
     /// Number, wall time and bytes of its actions.
     pub totals: (u64, u64, u64),
+    /// As in [`Keep`].
+    pub fetched: Option<String>,
 }
 
 /// A shard whose items somebody needs one by one.
@@ -214,6 +217,8 @@ pub struct Keep {
     pub totals: (u64, u64, u64),
     /// Its outputs need not be stored.
     pub transient: bool,
+    /// Who made what it holds, if measurements of another machine are among it: it counts as those do.
+    pub fetched: Option<String>,
 }
 
 /// An output of a roll-up.
@@ -247,6 +252,8 @@ pub struct Task {
     pub basis: LaneBasis,
     /// It makes measurements, and must have the machine to itself.
     pub alone: bool,
+    /// The machine that measured, if its measurements are only taken: what it has not measured fails.
+    pub only_there: Option<Arc<str>>,
     /// Its actions run programs outside.
     pub programs: bool,
 }
@@ -322,20 +329,52 @@ impl LookedUp {
 }
 
 /// The data that the actions of each lane share.
-pub fn tasks(pipeline: &Pipeline, lanes: &Lanes) -> Row<LaneId, Arc<Task>> {
-    lanes.pairs().map(|(id, lane)| Arc::new(task(pipeline, lanes, id, lane))).collect()
+pub fn tasks(pipeline: &Pipeline, lanes: &Lanes, measured: &Measured) -> Row<LaneId, Arc<Task>> {
+    // Whether what a lane reads may be other content on another machine.
+    let mut unlike: Row<LaneId, bool> = Row::new();
+    for lane in lanes.iter() {
+        // A lane stands after all that it reads.
+        let is_unlike = |feed: &LaneFeed| {
+            let spec = &pipeline.nodes[lanes[feed.lane].node].spec;
+            unlike[feed.lane] || spec.outputs[feed.port.place()].determinism != Determinism::Bitwise
+        };
+        let reads_unlike = lane.inputs.iter().flatten().any(is_unlike);
+        unlike.push(reads_unlike);
+    }
+    let bound = |id: LaneId, lane: &Lane| unlike[id] || lane.basis.names_environment();
+    lanes.pairs().map(|(id, lane)| Arc::new(task(pipeline, lanes, measured, (id, lane, bound(id, lane))))).collect()
 }
 
-fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
+/// Which records of an upstream count for the actions of a lane, of which these ports are read.
+fn fetched(pipeline: &Pipeline, lane: &Lane, read: &[PortId], measured: &Measured) -> Fetched {
+    let (spec, asked) = (&pipeline.nodes[lane.node].spec, pipeline.targets.iter().filter(|of| of.node == lane.node));
+    let asked: Vec<PortId> = asked.flat_map(|target| target_ports(pipeline, *target)).collect();
+    let is_measured = |port: &&PortId| spec.outputs[port.place()].determinism == Determinism::Measured;
+    let in_group = |port: &&PortId| lane.ports.contains(port);
+    if !is_mixed(spec, lane.group.name) || !read.iter().chain(&asked).filter(in_group).any(|port| is_measured(&port)) {
+        return Fetched::All;
+    }
+    match measured {
+        Measured { accepted: true, host, .. } => Fetched::Of(host.as_str().into()),
+        Measured { apart: true, .. } => Fetched::All,
+        _ => Fetched::None,
+    }
+}
+
+fn task(pipeline: &Pipeline, lanes: &Lanes, measured: &Measured, (id, lane, bound): (LaneId, &Lane, bool)) -> Task {
     let node = &pipeline.nodes[lane.node];
     let is_read = |port: &PortId| lane.readers.iter().any(|reader| reader.feed(lanes).port == *port);
+    let read: Vec<PortId> = lane.ports.iter().copied().filter(is_read).collect();
     let producer = Producer {
         kind: node.kind.clone(),
         spec: node.spec.clone(),
         group: lane.group.name,
         transient: lane.is_transient(pipeline),
-        read: lane.ports.iter().copied().filter(is_read).collect(),
+        fetched: fetched(pipeline, lane, &read, measured),
+        bound,
+        read,
     };
+    let alone = node.spec.measures(lane.group.name);
     let label = LaneName { node: node.name.as_str().into(), cell: pipeline.cells[lane.cell].text.as_str().into() };
     Task {
         lane: id,
@@ -343,7 +382,8 @@ fn task(pipeline: &Pipeline, lanes: &Lanes, id: LaneId, lane: &Lane) -> Task {
         producer: Arc::new(producer),
         projection: node.kind.projection(&pipeline.cells[lane.cell].params),
         basis: lane.basis.without_params(),
-        alone: node.spec.measures(lane.group.name),
+        alone,
+        only_there: measured.only_there().filter(|_| alone),
         programs: lane.programs,
     }
 }

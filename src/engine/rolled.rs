@@ -140,7 +140,7 @@ impl RolledLanes {
 mod tests {
     use super::*;
     use crate::{
-        engine::{lanes, request, sharded::Listed},
+        engine::{lanes, measured::Measured, request, sharded::Listed},
         pipeline::{self, Options},
         registry::registry,
     };
@@ -177,7 +177,7 @@ nodes:
     #[test]
     fn each_wave_is_one_request_and_asks_after_what_it_reads() {
         let (pipeline, lanes) = laid_out();
-        let tasks = request::tasks(&pipeline, &lanes);
+        let tasks = request::tasks(&pipeline, &lanes, &Measured::default());
         let (mut rolled, mut asked, mut requests) = (RolledLanes::unknown(&lanes), BTreeSet::new(), 0);
         while let Some(request) = rolled.next(&pipeline, &lanes, &tasks) {
             let Request::Lanes(wave) = request else { panic!("all lanes are known, so no listing is needed") };
@@ -198,7 +198,7 @@ nodes:
     #[test]
     fn a_lane_that_lost_its_listing_works_and_reads_what_it_needs() {
         let (pipeline, lanes) = laid_out();
-        let tasks = request::tasks(&pipeline, &lanes);
+        let tasks = request::tasks(&pipeline, &lanes, &Measured::default());
         let last = lanes.ids().last().expect("there are lanes");
         let mut rolled = RolledLanes::unknown(&lanes);
         let mut listings = Vec::new();

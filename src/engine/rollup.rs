@@ -8,6 +8,7 @@ use super::{
     ids::{Id, PortId},
     keys,
     lanes::Lanes,
+    measured::{Measured, is_mixed},
     records::{self, PIPELINE, Payload, QUARANTINE, ROLLUP, SHARD},
     request::{
         self, Keep, LaneFound, LaneLookUp, LaneOf, Request, RolledShard, Rolling, ShardFound, ShardLookUps, ShardOf,
@@ -65,7 +66,7 @@ pub fn find_lanes(asked: &[LaneLookUp], holdings: Holdings<'_>) -> Result<Vec<La
     let mut found = Vec::new();
     let records = trusted(holdings.store, ROLLUP, &hashes);
     for ((asked, key), record) in asked.into_iter().zip(hashes).zip(records) {
-        let Some(record) = record else { continue };
+        let Some(record) = record.filter(|record| asked.task.producer.fetched.counts(record)) else { continue };
         if !holdings.intact(&record)? {
             continue;
         }
@@ -86,9 +87,14 @@ pub fn find_lanes(asked: &[LaneLookUp], holdings: Holdings<'_>) -> Result<Vec<La
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn rolled_keys(pipeline: &Pipeline, lanes: &Lanes, store: &Store) -> Result<Vec<Key>, CacheError> {
+pub fn rolled_keys(
+    pipeline: &Pipeline,
+    lanes: &Lanes,
+    store: &Store,
+    measured: &Measured,
+) -> Result<Vec<Key>, CacheError> {
     let wanted = HashSet::new();
-    let (tasks, mut rolled) = (request::tasks(pipeline, lanes), RolledLanes::unknown(lanes));
+    let (tasks, mut rolled) = (request::tasks(pipeline, lanes, measured), RolledLanes::unknown(lanes));
     let mut keys = Vec::new();
     while let Some(Request::Lanes(asked)) = rolled.next(pipeline, lanes, &tasks) {
         let found = find_lanes(&asked, Holdings::stored(store, &wanted))?;
@@ -117,7 +123,7 @@ pub fn find_shards(asked: ShardLookUps, holdings: Holdings<'_>) -> Result<Vec<Sh
     let mut found: Vec<ShardFound> = asked.shards.into_iter().map(key).collect();
     let hashes: Vec<Key> = found.iter().map(|shard| shard.key).collect();
     for (of, record) in found.iter_mut().zip(trusted(holdings.store, SHARD, &hashes)) {
-        let Some(record) = record else { continue };
+        let Some(record) = record.filter(|record| task.producer.fetched.counts(record)) else { continue };
         if holdings.intact(&record)? {
             of.rolled = rolled(task, of.shard, &record);
         }
@@ -135,7 +141,9 @@ fn rolled(task: &Task, shard: u8, record: &Record) -> Option<RolledShard> {
         Some((PortId::at(place), Arc::new(Shard::listed(listed, shard, of.media))))
     };
     let outputs = of_group.map(listed).collect::<Option<Vec<_>>>()?;
-    Some(RolledShard { outputs, totals: (payload.actions, record.wall_us, record.bytes) })
+    let mixed = is_mixed(&task.producer.spec, task.producer.group);
+    let fetched = (mixed && record.fetched).then(|| record.maker.clone());
+    Some(RolledShard { outputs, totals: (payload.actions, record.wall_us, record.bytes), fetched })
 }
 
 /// Keeps a roll-up.
@@ -153,7 +161,11 @@ pub fn keep(store: &Store, of: &Keep) -> Result<(), CacheError> {
         payload.collections.insert(port.clone(), listed);
     }
     let record = records::record(of.namespace, of.key, &of.kind, of.preimage.clone(), &payload);
-    write(store, &Record { wall_us, bytes, transient: of.transient, ..record })
+    let (maker, fetched) = match &of.fetched {
+        Some(maker) => (maker.clone(), true),
+        None => (record.maker.clone(), false),
+    };
+    write(store, &Record { wall_us, bytes, transient: of.transient, maker, fetched, ..record })
 }
 
 /// Keeps what a whole run of a pipeline reaches: `trees` are the listings of all its outputs.

@@ -4,11 +4,12 @@ use super::{
     EngineError, ExecutorKind, RunOptions, Sink, Summary,
     conclude::{self, ResultOf},
     event::{Event, Failure, NodeStat, OutputOf, Slow},
-    executor::{Executor, Jobs, Processes, Replies, Shared, Site, Threads, Waiting},
+    executor::{self, Executor, Jobs, Place, Processes, Replies, Shared, Site, Threads, Waiting},
     explain,
     holdings::Holdings,
     lanes::{self, Environment, Lanes},
     look_up::Catalog,
+    measured::Measured,
     probe::Asking,
     records, request, rollup,
     scheduler::{Ran, SLOWEST, Scheduler},
@@ -36,6 +37,8 @@ pub(super) struct Run<'a> {
     stop: &'a AtomicBool,
     sink: Sink<'a>,
     lanes: Lanes,
+    /// Where measurements are made.
+    measured: Measured,
     /// Blobs that are passed on in memory; a run that only looks has none.
     pool: Option<Arc<Pool>>,
     /// The executor; none in a run that only looks.
@@ -61,6 +64,20 @@ fn workers(options: &RunOptions) -> usize {
     if options.jobs == 0 || jobs { cores() } else { options.jobs }
 }
 
+fn targets(pipeline: &Pipeline, options: &RunOptions) -> Vec<Target> {
+    match &options.only {
+        Some(only) => vec![Target { node: only.node, port: None }],
+        None => pipeline.targets.clone(),
+    }
+}
+
+/// Whether a run needs measurements.
+fn measures(pipeline: &Pipeline, options: &RunOptions) -> Result<bool, EngineError> {
+    // No machine decides which lanes are needed.
+    let lanes = lanes::demand(pipeline, &targets(pipeline, options), options.only.as_ref(), &|_, _, _| Ok(None))?;
+    Ok(lanes.iter().any(|lane| pipeline.nodes[lane.node].spec.measures(lane.group.name)))
+}
+
 /// Runs a pipeline with the executor that the options name.
 ///
 /// # Errors
@@ -80,7 +97,26 @@ pub(super) fn with_executor(
         let replies = tell.clone();
         Box::new(move |reply| drop(replies.send(News::Executed(Box::new(reply)))))
     };
+    let measures = measures(pipeline, options)?;
+    let mut node = None;
+    let measured = match (&options.executor, &options.measured) {
+        (ExecutorKind::Jobs(jobs), measured) if measures && measured.as_ref().is_none_or(|of| !of.accepted) => {
+            let found = match executor::measuring_place(jobs, store, stop, sink)? {
+                Place::Here => None,
+                Place::There(found) => Some(found),
+                Place::Stopped => return Ok(Summary { interrupted: true, ..Summary::default() }),
+            };
+            node = found.as_ref().and_then(|found| found.node.clone());
+            found.map_or_else(Measured::default, |found| Measured::by_jobs(found.of))
+        }
+        (_, Some(measured)) => measured.clone(),
+        (_, None) => Measured::last(store, pipeline),
+    };
+    let apart = matches!(&options.executor, ExecutorKind::Jobs(jobs) if jobs.apart.is_some());
+    let measured = Measured { apart: apart || options.measured.is_none() && measured.apart, ..measured };
+    measured.begin(store, pipeline, measures)?;
     let surroundings = Site {
+        machine: measured.machine.clone(),
         store,
         pool: pool.clone(),
         stop,
@@ -95,13 +131,14 @@ pub(super) fn with_executor(
         let executor: Box<dyn Executor + '_> = match &options.executor {
             ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),
             ExecutorKind::Processes(command) => Box::new(Processes::start(scope, surroundings, command)),
-            ExecutorKind::Jobs(options) => Box::new(Jobs::start(scope, surroundings, options)),
+            ExecutorKind::Jobs(options) => Box::new(Jobs::start(scope, surroundings, options, node)),
         };
         let executor: Box<dyn Executor + '_> = match options.share {
             Some(share) => Box::new(Shared::start(scope, share, executor, waiting)),
             None => executor,
         };
-        let run = Run::new((pipeline, store, options), stop, sink, Some(pool), (tell, news), Some(&*executor));
+        let of = (pipeline, store, options, measured);
+        let run = Run::new(of, stop, sink, Some(pool), (tell, news), Some(&*executor));
         let result = run.and_then(|mut run| run.finish());
         if result.is_err() {
             // Nobody will look at what is still being done.
@@ -123,24 +160,22 @@ impl<'a> Run<'a> {
         stop: &'a AtomicBool,
         sink: Sink<'a>,
     ) -> Result<Self, EngineError> {
-        Self::new((pipeline, store, options), stop, sink, None, mpsc::channel(), None)
+        let measured = Measured::last(store, pipeline);
+        Self::new((pipeline, store, options, measured), stop, sink, None, mpsc::channel(), None)
     }
 
     fn new(
-        (pipeline, store, options): (&'a Pipeline, &'a Store, &'a RunOptions),
+        (pipeline, store, options, measured): (&'a Pipeline, &'a Store, &'a RunOptions, Measured),
         stop: &'a AtomicBool,
         sink: Sink<'a>,
         pool: Option<Arc<Pool>>,
         (tell, news): (mpsc::Sender<News>, mpsc::Receiver<News>),
         executor: Option<&'a dyn Executor>,
     ) -> Result<Self, EngineError> {
-        let mut targets = pipeline.targets.clone();
-        if let Some(only) = &options.only {
-            targets = vec![Target { node: only.node, port: None }];
-        }
+        let targets = targets(pipeline, options);
         let environment: Environment<'_> = &|kind, params, group| match executor {
             Some(executor) => executor.environment(kind, params, group),
-            None => Asking::new(store, false).environment(kind, params, group),
+            None => Asking::new(store, false).measuring(measured.machine.as_ref()).environment(kind, params, group),
         };
         let lanes = lanes::demand(pipeline, &targets, options.only.as_ref(), environment)?;
         Ok(Self {
@@ -150,6 +185,7 @@ impl<'a> Run<'a> {
             stop,
             sink,
             lanes,
+            measured,
             pool,
             executor,
             news,
@@ -167,7 +203,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// If the store cannot be read.
     pub fn rolled_lanes(&self) -> Result<Vec<Key>, EngineError> {
-        Ok(rollup::rolled_keys(self.pipeline, &self.lanes, self.store)?)
+        Ok(rollup::rolled_keys(self.pipeline, &self.lanes, self.store, &self.measured)?)
     }
 
     pub fn finish(&mut self) -> Result<Summary, EngineError> {
@@ -232,7 +268,7 @@ impl<'a> Run<'a> {
         // hide what else may be: item by item, a pass finds at once all that can be found.
         let whole = options.recheck == 0.0 && options.audit == 0.0 && options.only.is_none() && !options.no_rollup;
         let roll = wanted.is_empty() && whole;
-        let tasks = request::tasks(self.pipeline, &lanes);
+        let tasks = request::tasks(self.pipeline, &lanes, &self.measured);
         let mut scheduler = Scheduler::new(self.pipeline, &lanes, tasks, wanted.clone(), ran_before, roll, options);
         scheduler.start();
         let answer = |request| catalog.answer(request);

@@ -13,6 +13,7 @@ use super::{
     holdings::Holdings,
     lanes,
     look_up::Catalog,
+    measured::Measured,
     probe::Asking,
     request,
     scheduler::{Ran, Scheduler},
@@ -126,8 +127,7 @@ impl Workers<'_> {
         for (n, order) in batch.orders.into_iter().enumerate() {
             let holdings = Holdings::stored(self.recorded, &batch.wanted);
             let record = order.action.recorded(self.recorded)?;
-            let producer = &order.action.producer;
-            let made = holdings.made(record.as_deref(), &producer.spec, producer.group)?;
+            let made = holdings.made(record.as_deref(), &order.action.producer)?;
             let Some(made) = made else {
                 return Err(EngineError::Request(format!(
                     "the store has no record of action {} of `{}`; run the pipeline first",
@@ -167,12 +167,14 @@ pub fn simulate(
 ) -> Result<Simulated, EngineError> {
     empty.look_beyond(Arc::new(OnlyBlobs(recorded.clone())));
     let (wanted, ran, options) = (Arc::new(HashSet::new()), Ran::new(), RunOptions::default());
+    let measured = Measured::last(recorded, pipeline);
+    let machine = measured.machine.as_ref();
     let environment: lanes::Environment<'_> =
-        &|kind, params, group| Asking::new(recorded, false).environment(kind, params, group);
+        &|kind, params, group| Asking::new(recorded, false).measuring(machine).environment(kind, params, group);
     let lanes = lanes::demand(pipeline, &pipeline.targets, None, environment)?;
     let holdings = Holdings::stored(&empty, &wanted);
     let catalog = Catalog { holdings, dry: false, keep_keys: false, recheck: 0.0, audit: 0.0 };
-    let tasks = request::tasks(pipeline, &lanes);
+    let tasks = request::tasks(pipeline, &lanes, &measured);
     let mut scheduler = Scheduler::new(pipeline, &lanes, tasks, wanted.clone(), &ran, true, &options);
     let mut budget = Budget::new(of.workers, u64::MAX);
     let mut workers = Workers {

@@ -15,6 +15,7 @@ mod jobs_apart;
 mod locks;
 mod looking;
 mod manuals;
+mod measured;
 mod network_fs;
 #[cfg(feature = "objects")]
 mod objects;

@@ -1,4 +1,4 @@
-//! The quickstart as jobs of schedulers, from an empty cache: the outputs of a local run.
+//! The quickstart as jobs of two schedulers, from an empty cache that they share: the outputs of a local run.
 
 #[path = "../support/schedulers.rs"]
 mod schedulers;
@@ -39,18 +39,27 @@ fn jobs_of_schedulers_make_the_outputs_of_the_quickstart() {
     let shared = Shared::of(Path::new(env!("CARGO_BIN_EXE_tauflow")), tmp, "tiny-quickstart");
     run(folder.path(), &shared.path().join("cache"), &["--update-lock"], &[]);
     drop(shared);
-    let jobs = |executor: &str, core: &str, variables: &[(&str, String)]| {
-        // Two jobs at a time on two cores, and few of them.
-        let more = ["--locked", "--executor", executor, "--poll-every", "0.5s", "--batch", "20s", core];
-        let said = run(folder.path(), &folder.path().join(executor), &more, variables);
-        assert!(said.contains(".lock agrees") && !said.contains("warning"), "{said}");
+    // Both work on one empty cache, each at its share: what one made, the other reads. Two jobs of each at a time on
+    // two cores, and few of them.
+    let cache = folder.path().join("shared");
+    let jobs = |executor: &str, core: &str, share: Option<&str>, variables: &[(&str, String)]| {
+        let mut more = vec!["--locked", "--executor", executor, "--poll-every", "0.5s", "--batch", "20s", core];
+        more.extend(share.into_iter().flat_map(|share| ["--wait", "--shard", share]));
+        let said = run(folder.path(), &cache, &more, variables);
+        assert!(said.contains(".lock agrees") && said.contains("jobs: ") && !said.contains("warning"), "{said}");
     };
-    match Slurm::start() {
-        Some(slurm) => jobs("slurm", "--job-option=--cpus-per-task=1", &slurm.variables()),
-        None => skip(Need::Slurm, "slurm-wlm and munge are not installed"),
-    }
-    match HyperQueue::start() {
-        Some(hyperqueue) => jobs("hyperqueue", "--job-option=--cpus=1", &hyperqueue.variables()),
-        None => skip(Need::HyperQueue, "TAUFLOW_HYPERQUEUE names no Python with the package hyperqueue"),
-    }
+    let (slurm, hyperqueue) = (Slurm::start(), HyperQueue::start());
+    let shares = if slurm.is_some() && hyperqueue.is_some() { [Some("1/2"), Some("2/2")] } else { [None, None] };
+    std::thread::scope(|scope| {
+        match &slurm {
+            Some(slurm) => drop(scope.spawn(|| {
+                jobs("slurm", "--job-option=--cpus-per-task=1", shares[0], &slurm.variables());
+            })),
+            None => skip(Need::Slurm, "slurm-wlm and munge are not installed"),
+        }
+        match &hyperqueue {
+            Some(hyperqueue) => jobs("hyperqueue", "--job-option=--cpus=1", shares[1], &hyperqueue.variables()),
+            None => skip(Need::HyperQueue, "TAUFLOW_HYPERQUEUE names no Python with the package hyperqueue"),
+        }
+    });
 }

@@ -24,6 +24,8 @@ from hyperqueue.ffi.protocol import ResourceRequest
 
 SERVER = pathlib.Path(os.environ["HQ_SERVER_DIR"])
 JOBS = SERVER / "jobs"
+# Of the worker that tests start.
+CORES = 2
 
 
 def serve(cores):
@@ -40,7 +42,7 @@ def submit(arguments):
     parser.add_argument("--array", required=True)
     parser.add_argument("--stdout", required=True)
     parser.add_argument("--stderr", choices=["none"], required=True)
-    parser.add_argument("--cpus", type=int, default=1)
+    parser.add_argument("--cpus", default="1")
     parser.add_argument("--resource", action="append", default=[])
     parser.add_argument("--time-limit")
     split = arguments.index("--")
@@ -59,7 +61,7 @@ def submit(arguments):
         )
         env = {**os.environ, "HQ_TASK_ID": str(task)}
         # Workers of the package have cores, and tell of nothing else.
-        resources = ResourceRequest(cpus=options.cpus)
+        resources = ResourceRequest(cpus=CORES if options.cpus == "all" else int(options.cpus))
         out = options.stdout.replace("%{TASK_ID}", str(task))
         job.program(["sh", "-c", script], env=env, stdout=out, stderr=None, cwd=os.getcwd(), resources=resources)
     submitted = Client(SERVER / "server").submit(job)

@@ -39,6 +39,7 @@ pub fn registry() -> Registry {
         Box::new(KindRow::<Total>::new()),
         Box::new(KindRow::<Shares>::new()),
         Box::new(KindRow::<unsteady::Unsteady>::new()),
+        Box::new(KindRow::<unsteady::Learned>::new()),
         Box::new(KindRow::<unsteady::Drawn>::new()),
         Box::new(KindRow::<machine::Sited>::new()),
         Box::new(KindRow::<deadly::Deadly>::new()),

@@ -39,7 +39,7 @@ ReturnToService=2
 MpiDefault=none
 SchedulerParameters=sched_interval=1,batch_sched_delay=0,defer_batch
 KillWait=5
-NodeName=$host NodeAddr=127.0.0.1 CPUs=2 RealMemory=$((memory / 1024)) State=UNKNOWN
+NodeName=$host NodeAddr=127.0.0.1 CPUs=2 Feature=bench RealMemory=$((memory / 1024)) State=UNKNOWN
 PartitionName=all Nodes=$host Default=YES MaxTime=INFINITE State=UP
 EOF
     munged --force --key-file="$dir/munge/key" --socket="$dir/munge/socket" --pid-file="$dir/munge/pid" \

@@ -1,7 +1,7 @@
 //! Toy kinds whose outputs are not decided by what they read: one that gives something else each time, and one that
 //! draws.
 
-use super::{super::media::Number, IN, MAIN, Nothing, number, spec};
+use super::{super::media::Number, ALL, IN, MAIN, Nothing, number, spec};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -61,5 +61,25 @@ impl Kind for Drawn {
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         number(ctx, DRAWN, (action.seed >> 40) as i64)
+    }
+}
+
+const LEARNED: Out<Number> = Out::new(MAIN, "out", "The same each time.");
+const TOOK: Out<Number> = Out::new(MAIN, "took", "A measurement, made together with it.").measured();
+
+/// Gather that measures while it makes something else, as a training does.
+pub struct Learned;
+
+impl Kind for Learned {
+    type Params = Nothing;
+
+    fn spec() -> KindSpec {
+        spec("learned", Mode::Gather, vec![ALL.port()], vec![LEARNED.port(), TOOK.port()])
+    }
+
+    fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
+        let count = action.all(ALL)?.iter().count() as i64;
+        let took = Number::of(RUNS.fetch_add(1, Ordering::Relaxed) as i64).store(ctx)?;
+        Outputs::default().put_one(LEARNED, "all", Number::of(count).store(ctx)?)?.put_one(TOOK, "all", took)
     }
 }

@@ -178,6 +178,14 @@ impl Places {
         }
     }
 
+    /// The keys of the records of a namespace, sorted.
+    pub fn keys(&self, namespace: u8) -> Vec<Key> {
+        let listed = self.listed();
+        let mut keys: Vec<Key> = listed.records.keys().filter(|slot| slot.0 == namespace).map(|slot| slot.1).collect();
+        keys.sort_unstable();
+        keys
+    }
+
     /// A blob of a pack; none if the pack could not be opened before.
     pub fn read_blob(&self, number: u32, offset: u64, digest: &Digest) -> Result<Option<Vec<u8>>, Failure> {
         let pack = self.pack(number)?;

@@ -83,8 +83,15 @@ impl Reader {
 impl Beyond for Reader {
     fn records(&self, namespace: &str, keys: &[Key]) -> Vec<Option<Record>> {
         let number = self.namespaces.iter().position(|known| *known == namespace);
-        let (Some(number), Some(places)) = (number, self.places()) else { return vec![None; keys.len()] };
+        // Nothing is read for records that are not shared.
+        let places = number.and_then(|number| Some((number, self.places()?)));
+        let Some((number, places)) = places else { return vec![None; keys.len()] };
         keys.iter().map(|key| places.record(number as u8, key).filter(|record| (self.sound)(record))).collect()
+    }
+
+    fn keys(&self, namespace: &str) -> Vec<Key> {
+        let number = self.namespaces.iter().position(|known| *known == namespace);
+        number.and_then(|number| Some(self.places()?.keys(number as u8))).unwrap_or_default()
     }
 
     fn contains(&self, digest: &Digest) -> bool {

@@ -5,13 +5,18 @@
 
 use serde_json::Value;
 
-/// Knows whether programs may be run now, and what they told before.
+/// Knows whether programs may be run now, what they told before, and where measurements are made.
 pub trait Probe {
     /// The answer to a question that only a program can give, which `ask` runs. The question says all that is known to
     /// decide the answer: the command line, the contents of the files that it names, the machine.
     ///
     /// None if nothing may run now and no earlier answer is known.
     fn answer(&self, question: &Value, ask: &dyn Fn() -> Value) -> Option<Value>;
+
+    /// The machine on which the group's times are measured, if it is another than this one.
+    fn machine(&self) -> Option<Value> {
+        None
+    }
 }
 
 /// Asks, each time.

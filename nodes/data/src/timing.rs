@@ -10,7 +10,7 @@ use nix::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
-use tauflow_contract::Digest;
+use tauflow_contract::{Digest, Probe};
 use tauflow_instructions::Instructions;
 
 /// The machine on which times depend: the processor, its number of cores, and the system.
@@ -23,6 +23,21 @@ pub fn machine() -> Value {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     describe(&told, cores, &std::env::var("RAYON_NUM_THREADS").unwrap_or_default(), &name_of_system())
+}
+
+/// The machine that enters the keys of times: that of the probe, if a run measures on another than this one.
+pub fn measuring(probe: &dyn Probe) -> Value {
+    probe.machine().unwrap_or_else(machine)
+}
+
+/// A machine for people, such as `AMD EPYC 7763, 2 cores, id 0123abcd`; none if it is unknown.
+pub fn named(machine: &Value) -> Option<String> {
+    let processor = machine.get("processor")?.as_str()?;
+    let cores = machine.get("cores").and_then(Value::as_u64).unwrap_or(0);
+    let cores = if cores == 1 { "1 core".to_owned() } else { format!("{cores} cores") };
+    let identity: String =
+        machine.get("identity").and_then(Value::as_str).unwrap_or("unknown").chars().take(8).collect();
+    Some(format!("{processor}, {cores}, id {identity}"))
 }
 
 /// The same of a machine with this `/proc/cpuinfo`, so many cores, a limit of threads, and a system of this name.
@@ -147,6 +162,10 @@ mod tests {
         assert!(kind_of_processor("").starts_with("family unknown"));
     }
 
+    fn identity(machine: &Value) -> &str {
+        machine["identity"].as_str().expect("a text")
+    }
+
     #[test]
     fn a_machine_is_another_one_where_anything_differs() {
         let told = "cpu family\t: 25\nmodel\t\t: 1\nmodel name\t: AMD EPYC\n";
@@ -162,6 +181,8 @@ mod tests {
             assert!(*other != one && !others[..i].contains(other), "{i}: {other}");
         }
         assert!(one["identity"].as_str().is_some_and(|digest| digest.len() == 16 && !digest.contains("0123")));
+        assert_eq!(named(&one).as_deref(), Some(format!("AMD EPYC, 8 cores, id {}", &identity(&one)[..8]).as_str()));
+        assert_eq!(named(&Value::Null), None);
         // The machine of this test, in the same fields.
         let here = machine();
         assert!(here.as_object().expect("fields").keys().eq(one.as_object().expect("fields").keys()), "{here}");

@@ -20,7 +20,7 @@ use tauflow_data::{
     image_io::{read_exr, write_exr},
     methods::{Conditioning, MethodName, OIDN},
     records::{PackedScene, Refined, Timing},
-    timing::machine,
+    timing::measuring,
     views::{View, Views},
 };
 
@@ -86,7 +86,7 @@ impl Default for ExternalDenoiserParams {
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are denoised.");
 const MAIN: Group = Group::main(2);
-const TIMED: Group = Group::new(TIMING, 2);
+const TIMED: Group = Group::new(TIMING, 3);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image; none if the library is missing.").local();
 const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time on all cores.").measured();
 
@@ -193,7 +193,8 @@ impl Kind for ExternalDenoiser {
             true => oidn_files::identity(params.library.as_deref()),
             false => Value::Null,
         };
-        let mut found = json!({ "oidn": library, "program": command::identity(&params.command), "machine": machine() });
+        let mut found =
+            json!({ "oidn": library, "program": command::identity(&params.command), "machine": measuring(probe) });
         if !params.command.is_empty() {
             found["variables"] = json!(keyed_variables(&params.variables));
         }

@@ -20,7 +20,7 @@ use tauflow_data::{
     methods::MethodName,
     mitsuba::{self, Film},
     records::{Refined, RefinedImage, RefinedImages, SceneRecord, TimedImage, Timing},
-    timing::{Repeated, machine},
+    timing::{Repeated, measuring},
 };
 
 /// The kind `external_renderer`.
@@ -72,7 +72,7 @@ impl Default for ExternalRendererParams {
 
 const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
 const MAIN: Group = Group::main(1);
-const TIMED: Group = Group::new(TIMING, 1);
+const TIMED: Group = Group::new(TIMING, 2);
 const RENDERED: Out<Refined> =
     Out::new(MAIN, "rendered", "One image per sample count; none if the program is missing.").local();
 const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time of each image, as the program reports it.").measured();
@@ -153,7 +153,7 @@ impl Kind for ExternalRenderer {
     fn environment(params: &Self::Params, _group: &str, probe: &dyn Probe) -> Option<Value> {
         let version = command::probed_version(&params.version, probe)?;
         let mut found =
-            json!({ "program": command::identity(&params.command), "version": version, "machine": machine() });
+            json!({ "program": command::identity(&params.command), "version": version, "machine": measuring(probe) });
         found["variables"] = json!(keyed_variables(&params.variables));
         if !params.depends.is_empty() {
             found["depends"] = json!(command::depended(&params.depends));
@@ -289,6 +289,6 @@ impl SceneToRender<'_> {
             let RefinedImage { method, from_spp, nfe, .. } = self.said(*count);
             entries.push(TimedImage { method, from_spp, nfe, took: Repeated { wall_s, cpu_s } });
         }
-        Ok(Timing { entries })
+        Ok(Timing::here(entries))
     }
 }

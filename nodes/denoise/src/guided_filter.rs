@@ -17,7 +17,7 @@ use tauflow_data::{
     maths::{exp, log},
     methods::{Conditioning, MethodName},
     records::{PackedScene, Refined, Timing},
-    timing::machine,
+    timing::measuring,
 };
 
 /// Added to the albedo that radiance is divided by.
@@ -97,7 +97,7 @@ impl Default for GuidedFilterParams {
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are filtered.");
 const MAIN: Group = Group::main(1);
-const TIMED: Group = Group::new(TIMING, 1);
+const TIMED: Group = Group::new(TIMING, 2);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The filtered image.");
 const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time on all cores.").measured();
 
@@ -138,8 +138,8 @@ impl Kind for GuidedFilter {
         &[Later { pointer: "/average", before: Before::Text("linear") }]
     }
 
-    fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(if group == TIMING { machine() } else { Value::Null })
+    fn environment(_params: &Self::Params, group: &str, probe: &dyn Probe) -> Option<Value> {
+        Some(if group == TIMING { measuring(probe) } else { Value::Null })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

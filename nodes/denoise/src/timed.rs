@@ -27,7 +27,7 @@ pub(crate) fn projected(params: &impl Serialize, group: &str) -> serde_json::Val
 
 /// No times, of what is not there.
 pub(crate) fn nothing() -> Timing {
-    Timing { entries: Vec::new() }
+    Timing::here(Vec::new())
 }
 
 /// The times of `run`, for the given number of repeats after a warm-up. Where it tells its own seconds, of wall and
@@ -54,5 +54,5 @@ pub(crate) fn timing(
         }
     }
     let RefinedImage { method, from_spp, nfe, .. } = said.clone();
-    Ok(Timing { entries: vec![TimedImage { method, from_spp, nfe, took }] })
+    Ok(Timing::here(vec![TimedImage { method, from_spp, nfe, took }]))
 }

@@ -336,7 +336,7 @@ fn rendered(params: ExternalRendererParams, group: &str) -> Result<(RefinedImage
         None => (Vec::new(), None),
     };
     let timing = outputs.items.get("timing").map(|timing| load(&ctx, timing));
-    Ok((images, note, timing.unwrap_or(Timing { entries: Vec::new() })))
+    Ok((images, note, timing.unwrap_or(Timing { machine: serde_json::Value::Null, entries: Vec::new() })))
 }
 
 #[test]

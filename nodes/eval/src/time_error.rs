@@ -12,12 +12,12 @@ use crate::{
 use serde_json::Value;
 use tauflow_contract::{
     Action, All, Context, Foreseen, Group, ItemKey, Items, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
-    Outputs, Probe,
+    Outputs,
 };
 use tauflow_data::{
     facts,
     records::{Exposure, Ladder, PackedScene, Refined, TimeError, Timing},
-    timing::machine,
+    timing::named,
 };
 
 /// The kind `time_error`.
@@ -35,9 +35,9 @@ const RENDERED: All<Refined> =
     All::new("rendered", "Images of other renderers, by cell and scene; not exposed.").or_none();
 const RENDERED_TIMES: All<Timing> =
     All::new("rendered_times", "Times of both: `timing` of the nodes that produced them.").or_none();
-const MAIN: Group = Group::main(9);
-const TABLES: Out<TimeError> =
-    Out::new(MAIN, "tables", "Errors, times and derived figures per method.").measured().single();
+const MAIN: Group = Group::main(10);
+// It measures nothing itself: the same times give the same tables.
+const TABLES: Out<TimeError> = Out::new(MAIN, "tables", "Errors, times and derived figures per method.").single();
 
 impl Kind for TimeErrorKind {
     type Params = TimeErrorParams;
@@ -78,13 +78,10 @@ impl Kind for TimeErrorKind {
         Outlook::default().but(problems)
     }
 
-    fn environment(_params: &Self::Params, _group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(machine())
-    }
-
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let references = action.all(REFERENCES)?;
         let inputs = Inputs::of(action)?;
+        let machine = one_machine(ctx, action)?;
         let mut notes = Vec::new();
         let mut scenes: Vec<Measured> = Vec::with_capacity(references.len());
         let mut against_law = Vec::new();
@@ -128,8 +125,34 @@ impl Kind for TimeErrorKind {
         }
         let groups = Groups::load(ctx, action)?;
         let tables = summarise(&scenes, &groups, &action.params, reference_spp, notes, action.seed)?;
+        let tables = TimeError { machine, ..tables };
         Outputs::default().put_one(TABLES, "time_error", tables.store(ctx)?)
     }
+}
+
+/// The machine that measured all times: those of several machines cannot be compared.
+fn one_machine(ctx: &Context<'_>, action: &Action<'_, TimeErrorParams>) -> Result<Value, KindError> {
+    let mut first: Option<(String, Value)> = None;
+    let optional = [(TIMES.name(), action.all_if(TIMES)?), (RENDERED_TIMES.name(), action.all_if(RENDERED_TIMES)?)];
+    let given = optional.into_iter().filter_map(|(port, times)| Some((port, times?)));
+    for (port, times) in [(RENDER_TIMES.name(), action.all(RENDER_TIMES)?)].into_iter().chain(given) {
+        for (key, timing) in times.iter() {
+            let own = timing.load(ctx)?.machine;
+            let name = || format!("`{key}` on `{port}`");
+            let (known, machine) = first.get_or_insert_with(|| (name(), own.clone()));
+            if *machine != own {
+                let told = |of: &Value| named(of).unwrap_or_else(|| "an unknown machine".into());
+                return Err(KindError::Input(format!(
+                    "times of two machines cannot be compared: {known} was measured on {}, {} on {}; measure all on \
+                     one",
+                    told(machine),
+                    name(),
+                    told(&own)
+                )));
+            }
+        }
+    }
+    Ok(first.map_or(Value::Null, |(_, machine)| machine))
 }
 
 /// The collections of an action, but for the references.

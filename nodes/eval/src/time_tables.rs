@@ -8,19 +8,19 @@ use crate::{
     time_params::TimeErrorParams,
     time_samples::{Measured, Sample, quartiles},
 };
+use serde_json::Value;
 use std::collections::BTreeMap;
 use tauflow_contract::KindError;
 use tauflow_data::{
     maths::{exp, log, pow},
     methods::{Conditioning, PATH_TRACER},
     records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
-    timing::machine,
 };
 
 /// Columns of a point in the table that is resampled: logarithms of the speed-up and of the crossover, and three gains.
 const COLUMNS: usize = 5;
 
-/// Sums scenes up.
+/// Sums scenes up; the caller knows the machine that measured.
 ///
 /// # Errors
 /// If there are none, they differ in what was measured, or one is of no group.
@@ -79,7 +79,7 @@ pub(crate) fn summarise(
         });
     }
     Ok(TimeError {
-        machine: machine(),
+        machine: Value::Null,
         reference_spp,
         scenes: scenes.len() as u64,
         groups: groups.count(scenes.iter().map(|of| of.scene.as_str()))?,

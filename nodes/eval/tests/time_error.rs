@@ -53,7 +53,7 @@ fn ladder(counts: &[(u64, f64)], sampler: SamplerKind, variance: f32) -> Ladder 
 fn timing(method: &str, nfe: u64, times: &[(u64, f64)]) -> Timing {
     let took = |wall: f64| Repeated { wall_s: vec![wall, wall, 9.0], cpu_s: vec![2.0 * wall; 3] };
     let entry = |(spp, wall): &(u64, f64)| TimedImage { method: method.into(), from_spp: *spp, nfe, took: took(*wall) };
-    Timing { entries: times.iter().map(entry).collect() }
+    Timing { machine: serde_json::json!({ "processor": "Abacus" }), entries: times.iter().map(entry).collect() }
 }
 
 impl Bench {
@@ -224,4 +224,23 @@ fn ports_that_do_not_fit_are_told() {
     }
     let error = bench.run().expect_err("times of other rungs").to_string();
     assert!(error.contains("`path_tracer_sobol`") && error.contains("was not timed"), "{error}");
+}
+
+#[test]
+fn times_of_two_machines_are_not_compared_and_that_of_one_is_named() {
+    let mut bench = Bench::new();
+    let key = format!("sampler=sobol/{}", SCENES[0]);
+    for scene in SCENES {
+        bench.put("sampled", &format!("sampler=sobol/{scene}"), &ladder(&[(1, 0.04)], SamplerKind::Sobol, 0.0));
+        let times = timing(PATH_TRACER, 0, &[(1, 0.05)]);
+        bench.put("rendered_times", &format!("sampler=sobol/{scene}"), &times);
+    }
+    assert_eq!(bench.tables().machine["processor"], "Abacus");
+    let other = serde_json::json!({ "processor": "Slide rule", "cores": 1, "identity": "0123456789" });
+    bench.put("rendered_times", &key, &Timing { machine: other, ..timing(PATH_TRACER, 0, &[(1, 0.05)]) });
+    let error = bench.run().expect_err("two machines").to_string();
+    for part in ["times of two machines", "`rendered_times`", "Slide rule, 1 core, id 01234567", "; measure all on one"]
+    {
+        assert!(error.contains(part), "{part}: {error}");
+    }
 }

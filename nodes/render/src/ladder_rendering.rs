@@ -18,13 +18,13 @@ use tauflow_data::{
     facts::{FILM, INDEPENDENT, RUNGS},
     methods::{self, PATH_TRACER},
     records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing},
-    timing::{Repeated, machine},
+    timing::{Repeated, measuring},
 };
 
 const NAME: &str = "ladder_rendering";
 const LADDERS: Group = Group::new("ladder", 6);
 const GBUFFERS: Group = Group::new("gbuffer", 6);
-const TIMINGS: Group = Group::new("timing", 6);
+const TIMINGS: Group = Group::new("timing", 7);
 /// Version of what is remembered of renders: goes up with that of [`LADDERS`] when any image changes.
 const MEMO_VERSION: u32 = 6;
 
@@ -181,8 +181,8 @@ impl Kind for LadderRendering {
         LATER
     }
 
-    fn environment(_params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(if group == TIMINGS.name { machine() } else { Value::Null })
+    fn environment(_params: &Self::Params, group: &str, probe: &dyn Probe) -> Option<Value> {
+        Some(if group == TIMINGS.name { measuring(probe) } else { Value::Null })
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -269,7 +269,7 @@ impl SceneRender<'_> {
         }
         let (method, from_spp) = (methods::GBUFFER.to_owned(), self.params.gbuffer_samples);
         entries.push(TimedImage { method, from_spp, nfe: 0, took: gbuffer });
-        Ok(Timing { entries })
+        Ok(Timing::here(entries))
     }
 
     /// Key of the state, or of the image, after `count` samples. The scene's JSON names its blobs by digest.

@@ -25,6 +25,7 @@ use tauflow_data::{
     facts::NFE,
     methods::axes::{CONDITIONING, PARAMETERIZATION},
     records::{Claim, Evaluation, MethodTable, TrainingTiming},
+    timing::named,
 };
 
 /// The kind `report`.
@@ -371,19 +372,20 @@ fn results_json(material: &Material, params: &ReportParams) -> Result<Vec<u8>, K
 }
 
 fn timings_csv(timings: &[(Cell, TrainingTiming)]) -> String {
-    let mut out = String::from("parameterization,conditioning,cell,steps,seconds,median_step_ms,threads\n");
+    let mut out = String::from("parameterization,conditioning,cell,steps,seconds,median_step_ms,threads,machine\n");
     for (cell, timing) in timings {
         let get = |axis: &str| csv::field(cell.get(axis).map_or("", String::as_str));
         let _ = writeln!(
             out,
-            "{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{}",
             get(PARAMETERIZATION),
             get(CONDITIONING),
             csv::field(&extra(cell)),
             timing.steps,
             timing.seconds,
             timing.median_step_ms,
-            timing.threads
+            timing.threads,
+            csv::field(&named(&timing.machine).unwrap_or_default())
         );
     }
     out

@@ -20,7 +20,7 @@ use tauflow_data::{
     methods::{Conditioning, MethodName, Parameterization},
     records::{BridgeClock, ModelFile, PackedScene, Refined, RefinedImage, Rollout, RolloutState, TimedImage, Timing},
     time::TimeGrid,
-    timing::{Repeated, machine},
+    timing::{Repeated, measuring},
     views::Views,
 };
 
@@ -141,7 +141,7 @@ const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(3);
-const MEASURED: Group = Group::new("timing", 3);
+const MEASURED: Group = Group::new("timing", 4);
 const BETWEEN: Group = Group::new("states", 1);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of network calls.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
@@ -220,8 +220,8 @@ impl Kind for Refinement {
         problems
     }
 
-    fn environment(params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
-        Some(params.device.environment(if group == MEASURED.name { machine() } else { Value::Null }))
+    fn environment(params: &Self::Params, group: &str, probe: &dyn Probe) -> Option<Value> {
+        Some(params.device.environment(if group == MEASURED.name { measuring(probe) } else { Value::Null }))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -309,7 +309,7 @@ fn timed(
         }
         ctx.progress(done + 1, params.repeats, "rounds");
     }
-    Ok(Timing { entries })
+    Ok(Timing::here(entries))
 }
 
 /// Whether a rollout of a model can start at a sample count: below the last rung of its training ladder.

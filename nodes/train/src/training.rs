@@ -26,6 +26,7 @@ use tauflow_contract::{
 use tauflow_data::{
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
     records::{ModelFile, PackedScene, TrainingLog, TrainingTiming},
+    timing::machine,
 };
 use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share, Weights};
 use trainer::Trainer;
@@ -343,6 +344,7 @@ fn timing(mut seconds: Vec<f64>, threads: usize) -> TrainingTiming {
         seconds: total,
         median_step_ms: 1000.0 * median,
         threads: threads as u64,
+        machine: machine(),
     }
 }
 

@@ -18,6 +18,8 @@ pub struct Budget {
     batches: usize,
     /// An action is running that must be alone.
     measuring: bool,
+    /// Actions that must be alone have another machine.
+    elsewhere: bool,
 }
 
 /// The work that an executor accepts now. A scheduler fills a batch against it.
@@ -29,6 +31,8 @@ pub struct Capacity {
     pub batches: usize,
     /// An action is running that must have the machine to itself.
     measuring: bool,
+    /// Such actions have another machine.
+    elsewhere: bool,
     /// Bytes that may be held, and that are.
     memory: u64,
     in_flight: u64,
@@ -40,7 +44,7 @@ impl Capacity {
     /// Whether an action may begin now, where those that measure run `alone`: they wait for the others, and the others
     /// for them.
     pub fn admits(&self, alone: bool) -> bool {
-        !(self.measuring || alone && self.batches > 0)
+        self.elsewhere || !(self.measuring || alone && self.batches > 0)
     }
 
     /// Takes memory for an action; false if there is none left. One action runs whatever it takes.
@@ -57,19 +61,25 @@ impl Capacity {
 impl Budget {
     /// The budget of this many workers and this much memory, with nothing in flight.
     pub fn new(workers: usize, memory: u64) -> Self {
-        Self { workers, memory, in_flight: 0, weights: HashMap::new(), batches: 0, measuring: false }
+        let weights = HashMap::new();
+        Self { workers, memory, in_flight: 0, weights, batches: 0, measuring: false, elsewhere: false }
+    }
+
+    /// The same, where actions that must be alone have another machine to themselves.
+    pub fn measuring_elsewhere(self) -> Self {
+        Self { elsewhere: true, ..self }
     }
 
     /// The work that is accepted in addition to `pooled` bytes of transient outputs.
     pub fn capacity(&self, pooled: u64) -> Capacity {
-        let Self { workers, memory, in_flight, batches, measuring, .. } = *self;
-        Capacity { workers, batches, measuring, memory, in_flight, pooled }
+        let Self { workers, memory, in_flight, batches, measuring, elsewhere, .. } = *self;
+        Capacity { workers, batches, measuring, elsewhere, memory, in_flight, pooled }
     }
 
     /// A batch is taken on.
     pub fn begin(&mut self, batch: &Batch) {
         self.batches += 1;
-        self.measuring |= batch.alone;
+        self.measuring |= batch.alone && !self.elsewhere;
         for order in &batch.orders {
             self.weigh(order.slot, order.bytes);
         }
@@ -131,5 +141,8 @@ mod tests {
         assert!(!budget.capacity(0).admits(false) && !budget.capacity(0).admits(true));
         budget.end(slot(0), true);
         assert!(budget.capacity(0).admits(false) && budget.capacity(0).batches == 0);
+        let mut budget = Budget::new(2, 10).measuring_elsewhere();
+        budget.begin(&batch(true));
+        assert!(budget.capacity(0).admits(false) && budget.capacity(0).admits(true), "it has a machine of its own");
     }
 }

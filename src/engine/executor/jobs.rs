@@ -6,11 +6,13 @@
 //! ([`folder`]). One thread, the [`steward`], submits jobs, reads these lines, and asks the scheduler ([`queue`]) which
 //! jobs have ended. It knows nothing of a scheduler beyond the commands of [`queue`].
 //!
-//! Actions that measure run in this process, one at a time, while no job is open.
+//! Actions that measure run in this process, one at a time, while no job is open; or in jobs of a class of nodes, one
+//! job at a time and alone on the machine that [`machine`] found.
 
 mod bundle;
 mod folder;
 mod job;
+mod machine;
 mod pace;
 mod queue;
 mod steward;
@@ -23,6 +25,7 @@ use crate::{
     engine::{EngineError, courier::Courier},
     pipeline::AskedResources,
 };
+pub use machine::{Place, find as measuring_place};
 use serde_json::Value;
 use std::{
     collections::HashMap,
@@ -107,6 +110,8 @@ pub struct JobOptions {
     pub most: usize,
     /// Time between two questions to the scheduler.
     pub poll: Duration,
+    /// The class of nodes that measure; the machine of the run measures unless told.
+    pub timing: Option<String>,
 }
 
 /// See the module.
@@ -114,23 +119,32 @@ pub struct Jobs<'a> {
     crew: Arc<Crew<'a>>,
     jobs: mpsc::Sender<Batch>,
     here: mpsc::Sender<Batch>,
+    /// Jobs measure.
+    there: bool,
 }
 
 impl<'a> Jobs<'a> {
-    /// Starts the threads, which end when this is dropped.
-    pub fn start<'scope>(scope: &'scope Scope<'scope, '_>, of: Site<'a>, options: &'scope JobOptions) -> Self
+    /// Starts the threads, which end when this is dropped. Jobs that measure run on this node, if it has a name.
+    pub fn start<'scope>(
+        scope: &'scope Scope<'scope, '_>,
+        of: Site<'a>,
+        options: &'scope JobOptions,
+        node: Option<String>,
+    ) -> Self
     where
         'a: 'scope,
     {
         // Neither the processors nor the memory of this machine bound what other machines do.
-        let crew = Arc::new(Crew::new(Site { workers: MOST_ORDERS, memory: u64::MAX, ..of }));
+        let there = options.timing.is_some();
+        let crew = Crew::new(Site { workers: MOST_ORDERS, memory: u64::MAX, ..of });
+        let crew = Arc::new(if there { crew.measuring_elsewhere() } else { crew });
         let (jobs, ordered) = mpsc::channel();
         let steering = crew.clone();
-        scope.spawn(move || Steward::new(&steering, options).run(&ordered));
+        scope.spawn(move || Steward::new(&steering, options, node).run(&ordered));
         let (here, measured) = mpsc::channel();
         let measuring = crew.clone();
         scope.spawn(move || measured.iter().for_each(|batch| threads::run(&measuring, batch)));
-        Self { crew, jobs, here }
+        Self { crew, jobs, here, there }
     }
 }
 
@@ -146,7 +160,7 @@ impl Executor for Jobs<'_> {
 
     fn submit(&self, batch: Batch) {
         self.crew.begin(&batch);
-        let queue = if batch.alone { &self.here } else { &self.jobs };
+        let queue = if batch.alone && !self.there { &self.here } else { &self.jobs };
         // The threads live as long as this does.
         let _ = queue.send(batch);
     }

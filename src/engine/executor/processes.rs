@@ -160,7 +160,7 @@ impl OpenBatch<'_, '_> {
     fn child(&mut self, command: &ChildCommand) -> Result<ExitStatus, EngineError> {
         let leave = |open: &OpenOrder<'_>| BatchedAction::leave(&open.order.action, self.holdings);
         let actions = self.open.iter().map(leave).collect::<Result<_, _>>()?;
-        let batch = BatchFile { actions, wanted: sorted(self.holdings.wanted) };
+        let batch = BatchFile { actions, wanted: sorted(self.holdings.wanted), machine: false };
         let failed = |what: &str| {
             let what = what.to_owned();
             move |error: io::Error| EngineError::Executor(format!("cannot {what}: {error}; use `--executor threads`"))
@@ -219,7 +219,7 @@ impl OpenBatch<'_, '_> {
                     self.reply(Execution { outcome, warning, spent_us });
                     ended += 1;
                 }
-                Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
+                Line::Machine { .. } | Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
             }
         }
     }
@@ -264,7 +264,7 @@ pub(super) fn outcome(order: &Order, end: &End, holdings: Holdings<'_>) -> Resul
         holdings.store.refresh()?;
         // A replaced record that this machine sees late is still the one of the upstream.
         let record = action.recorded(holdings.store)?.filter(|record| !(replaced && record.fetched));
-        Ok(holdings.made(record.as_deref(), &action.producer.spec, action.producer.group)?)
+        Ok(holdings.made(record.as_deref(), &action.producer)?)
     };
     Ok(Some(match end {
         End::Hit => return Ok(recorded(false)?.map(Outcome::Hit)),

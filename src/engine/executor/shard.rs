@@ -1,7 +1,8 @@
 //! A share of a run: actions of other shares are done by other runs on the same store, and waited for here, or not.
 //!
 //! An item belongs to the same share in all nodes, and an action without an item to the share of its key. Actions whose
-//! keys name a machine, a library or a device belong to every share: other machines may have other keys for them.
+//! keys name a machine, a library or a device belong to every share, and so does what reads outputs that may
+//! differ there: other machines may have other keys.
 
 use super::{Batch, Capacity, Executor, Order, Reply};
 use crate::engine::{
@@ -65,7 +66,7 @@ impl Share {
     /// The number, from 0, of the share that an action belongs to; none if it belongs to all.
     fn of(self, order: &Order) -> Option<u32> {
         let action = &order.action;
-        if !action.key.basis.environment.is_null() {
+        if action.producer.bound {
             return None;
         }
         let bytes = match &action.item {
@@ -147,9 +148,8 @@ fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
         for awaited in open {
             let Awaited { order, wanted } = &awaited;
             let holdings = Holdings { store: of.store, pool: Some(&of.pool), wanted };
-            let done = order.action.recorded(of.store).and_then(|record| {
-                holdings.made(record.as_deref(), &order.action.producer.spec, order.action.producer.group)
-            });
+            let done = order.action.recorded(of.store);
+            let done = done.and_then(|record| holdings.made(record.as_deref(), &order.action.producer));
             let outcome = match (&refreshed, done) {
                 (Ok(()), Ok(Some(made))) => Outcome::Hit(made),
                 (Ok(()), Ok(None)) if stopped => Outcome::Cancelled,

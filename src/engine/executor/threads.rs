@@ -24,6 +24,8 @@ use tauflow_contract::{Group, NodeKind, Progress};
 
 /// The parts of a run that every executor on this machine needs.
 pub struct Site<'a> {
+    /// The machine on which times are measured, if it is not this one.
+    pub machine: Option<Value>,
     /// The store.
     pub store: &'a Store,
     /// Blobs that are in memory only.
@@ -53,6 +55,12 @@ pub(super) struct Crew<'a> {
 impl<'a> Crew<'a> {
     pub fn new(of: Site<'a>) -> Self {
         Self { budget: Mutex::new(Budget::new(of.workers, of.memory)), of, halt: AtomicBool::new(false) }
+    }
+
+    /// The same, where actions that measure have another machine to themselves.
+    pub fn measuring_elsewhere(self) -> Self {
+        let budget = Budget::new(self.of.workers, self.of.memory).measuring_elsewhere();
+        Self { budget: Mutex::new(budget), ..self }
     }
 
     fn budget(&self) -> std::sync::MutexGuard<'_, Budget> {
@@ -99,7 +107,7 @@ impl<'a> Crew<'a> {
     }
 
     pub fn environment(&self, kind: &dyn NodeKind, params: &Value, group: Group) -> Result<Option<Value>, EngineError> {
-        Asking::new(self.of.store, true).environment(kind, params, group)
+        Asking::new(self.of.store, true).measuring(self.of.machine.as_ref()).environment(kind, params, group)
     }
 
     pub fn cancel(&self) {

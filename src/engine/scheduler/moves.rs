@@ -132,7 +132,15 @@ impl Scheduler<'_> {
             outputs: of.ports.iter().map(output).collect::<Option<_>>()?,
             totals: self.totals(lane),
             transient: of.is_transient(self.pipeline),
+            fetched: self.fetched(lane),
         })
+    }
+
+    /// Who made what a lane holds, if measurements of another machine are among it.
+    fn fetched(&self, lane: LaneId) -> Option<String> {
+        let state = &self.states[lane];
+        let slots = state.slots.iter().filter_map(|slot| slot.made.fetched.as_deref().map(str::to_owned));
+        slots.chain(state.shards.iter().filter_map(|shard| shard.fetched.clone())).next()
     }
 
     /// Number, wall time and bytes of a lane's actions, those of earlier runs included.

@@ -99,14 +99,14 @@ impl Scheduler<'_> {
                 continue;
             }
             self.states[lane].shards[shard].key = Some(key);
-            let Some(RolledShard { outputs, totals }) = rolled else {
+            let Some(RolledShard { outputs, totals, fetched }) = rolled else {
                 items.into_iter().for_each(|key| self.fill(lane, key, Vec::new()));
                 self.set_shard(lane, shard, ShardStage::Open);
                 continue;
             };
             self.account.rolled(lane, Some(shard), totals);
             let of = &mut self.states[lane].shards[shard];
-            (of.outputs, of.totals) = (outputs, totals);
+            (of.outputs, of.totals, of.fetched) = (outputs, totals, fetched);
             self.set_shard(lane, shard, ShardStage::Rolled);
         }
         if self.mode(lane) == Mode::Source {
@@ -375,6 +375,8 @@ impl Scheduler<'_> {
             let made = &state.slots[*slot].made;
             totals = (totals.0 + 1, totals.1.saturating_add(made.wall_us), totals.2.saturating_add(made.bytes));
         }
+        let mut made = state.shards[shard].slots.iter().map(|slot| &state.slots[*slot].made);
+        let fetched = made.find_map(|made| made.fetched.as_deref()).map(str::to_owned);
         let name = |port: &PortId| spec.outputs[port.place()].name.to_owned();
         Keep {
             namespace: SHARD,
@@ -384,6 +386,7 @@ impl Scheduler<'_> {
             outputs: outputs.iter().map(|(port, shard)| (name(port), Rolling::Shard(shard.clone()))).collect(),
             totals,
             transient: self.lanes[lane].is_transient(self.pipeline),
+            fetched,
         }
     }
 

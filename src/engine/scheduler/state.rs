@@ -143,6 +143,8 @@ pub(super) struct ShardState {
     pub key: Option<Key>,
     /// Number, wall time and bytes of its actions, if it was rolled.
     pub totals: (u64, u64, u64),
+    /// Who made what it holds, if it was rolled, came from an upstream, and has measurements beside other outputs.
+    pub fetched: Option<String>,
 }
 
 /// State of a lane whose shards are looked up as a whole first.
@@ -207,6 +209,7 @@ impl LaneState {
             outputs: Vec::new(),
             key: None,
             totals: (0, 0, 0),
+            fetched: None,
         };
         Self {
             stage: LaneStage::Filling,

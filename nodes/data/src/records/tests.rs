@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{Image, IntegratorKind, SamplerKind};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::{
     cell::RefCell,
     collections::{BTreeMap, BTreeSet},
@@ -200,9 +200,9 @@ fn records(ctx: &Context<'_>) {
     round_trip(ctx, &SplitReport::default());
     round_trip(ctx, &SamplingReport::default());
     round_trip(ctx, &AssetReport { name: "a".into(), ..AssetReport::default() });
-    round_trip(ctx, &Timing { entries: Vec::new() });
+    round_trip(ctx, &Timing::here(Vec::new()));
     round_trip(ctx, &SceneScores { reference_spp: 4, scores: Vec::new(), note: None });
-    round_trip(ctx, &TrainingTiming { steps: 1, seconds: 0.5, median_step_ms: 0.5, threads: 2 });
+    round_trip(ctx, &TrainingTiming { steps: 1, seconds: 0.5, median_step_ms: 0.5, threads: 2, machine: Value::Null });
     round_trip(ctx, &ModelFile(vec![1, 2, 3]));
     round_trip(ctx, &AdapterFile(vec![1, 2, 3]));
     let backbone = BackboneFiles { config: "{}".into(), scheduler: Some("{ }".into()), weights: vec![1, 2] };

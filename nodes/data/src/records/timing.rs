@@ -1,14 +1,25 @@
 //! Times of images, as kinds measure them.
 
-use crate::timing::Repeated;
+use crate::timing::{Repeated, machine};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use tauflow_contract::json_media;
 
 /// The times of a scene's images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
+    /// The machine that measured; see [`machine`]. Null if it is not known.
+    #[serde(default)]
+    pub machine: Value,
     /// The timed method.
     pub entries: Vec<TimedImage>,
+}
+
+impl Timing {
+    /// Times that were measured on this machine.
+    pub fn here(entries: Vec<TimedImage>) -> Self {
+        Self { machine: machine(), entries }
+    }
 }
 
 /// How long one image took to make, from the endpoint it starts from; or, of a path tracer, from nothing.

@@ -52,6 +52,9 @@ pub struct TrainingTiming {
     pub median_step_ms: f64,
     /// Threads that it had at most.
     pub threads: u64,
+    /// The machine that trained; see [`machine`](crate::timing::machine). Null if it is not known.
+    #[serde(default)]
+    pub machine: serde_json::Value,
 }
 
 json_media! {

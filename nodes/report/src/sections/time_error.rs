@@ -14,6 +14,7 @@ use std::fmt::Write as _;
 use tauflow_data::{
     methods::{Conditioning, OIDN, PATH_TRACER},
     records::{TimeError, TimedMethod, TimedPoint, TimedSummary, front},
+    timing::named,
 };
 
 /// Methods and their points, best first for each.
@@ -167,7 +168,7 @@ pub fn opening(of: &TimeError) -> String {
          measured on {}.{}{choice}{}</figcaption></figure>",
         plot.finish(&format!("RMSE against seconds per scene: {}", names(methods.iter().copied()))),
         plural(of.scenes, "held-out test scene"),
-        escape(of.machine.get("processor").and_then(|p| p.as_str()).unwrap_or("an unknown processor")),
+        escape(&named(&of.machine).unwrap_or_else(|| "an unknown machine".into())),
         told.unwrap_or_default(),
         of.notes.iter().map(|note| format!(" {}.", escape(note))).collect::<String>(),
     )

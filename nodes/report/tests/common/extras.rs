@@ -65,6 +65,7 @@ fn timings(ctx: &Context<'_>) -> Collection {
         seconds: 61.3 + i as f64,
         median_step_ms: 40.2 + 0.6 * i as f64,
         threads: 2,
+        machine: serde_json::json!({ "processor": "Abacus <9>", "cores": 2, "identity": "0123456789abcdef" }),
     };
     cells().enumerate().map(|(i, (m, c))| item(ctx, &format!("{}/timing", cell_key(m, c)), &timing(i))).collect()
 }
@@ -299,7 +300,7 @@ fn time_error() -> TimeError {
     let solver = vec![point(1, 1, 0.012, 0.05), point(1, 2, 0.014, 0.06), point(4, 1, 0.05, 0.02)];
     TimeError {
         groups: None,
-        machine: serde_json::json!({ "processor": "Abacus <9>", "cores": 2 }),
+        machine: serde_json::json!({ "processor": "Abacus <9>", "cores": 2, "identity": "0123456789abcdef" }),
         reference_spp: 4096,
         scenes: 24,
         resamples: 2000,

@@ -17,7 +17,7 @@ use tauflow_data::{
     facts::{self, NFE, SPP},
     methods::{Conditioning, MethodName},
     records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
-    timing::{Repeated, machine},
+    timing::{Repeated, measuring},
     views::Views,
 };
 use tauflow_train::Model;
@@ -99,7 +99,7 @@ const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(1);
-const MEASURED: Group = Group::new("timing", 1);
+const MEASURED: Group = Group::new("timing", 2);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time on all cores.").measured();
 
@@ -149,12 +149,12 @@ impl Kind for Denoising {
         value
     }
 
-    fn environment(params: &Self::Params, group: &str, _probe: &dyn Probe) -> Option<Value> {
+    fn environment(params: &Self::Params, group: &str, probe: &dyn Probe) -> Option<Value> {
         // A program with other bundled weights denoises anew.
         let digest = |weights: Weights| blake3::hash(weights.bytes(params.conditioning)).to_hex().to_string();
         let weights = params.weights.built_in().map(digest);
         Some(match (weights, group == MEASURED.name) {
-            (weights, true) => json!({ "weights": weights, "machine": machine() }),
+            (weights, true) => json!({ "weights": weights, "machine": measuring(probe) }),
             (Some(weights), false) => json!({ "weights": weights }),
             (None, false) => Value::Null,
         })
@@ -252,7 +252,7 @@ fn timed(ctx: &Context<'_>, denoiser: &Denoiser, frame: &Frame, params: &Denoisi
         ctx.progress(done + 1, params.repeats, "rounds");
     }
     let entry = TimedImage { method: params.method.as_str().to_owned(), from_spp: params.from, nfe: 1, took };
-    Ok(Timing { entries: vec![entry] })
+    Ok(Timing::here(vec![entry]))
 }
 
 #[cfg(test)]

@@ -4,7 +4,10 @@ use crate::trainer::{PARTS, Trainer};
 use serde::Serialize;
 use std::{ops::Range, time::Instant};
 use tauflow_contract::{Context, KindError};
-use tauflow_data::records::{TrainingLog, TrainingPoint, TrainingTiming};
+use tauflow_data::{
+    records::{TrainingLog, TrainingPoint, TrainingTiming},
+    timing::machine,
+};
 use tauflow_tensors::{Checkpoints, Share};
 
 /// How long a training is and what it keeps.
@@ -82,6 +85,7 @@ impl Learning<'_> {
             seconds: total,
             median_step_ms: 1000.0 * seconds.get(seconds.len() / 2).copied().unwrap_or(0.0),
             threads: share.most() as u64,
+            machine: machine(),
         };
         Ok((curve.points, timing))
     }

@@ -37,6 +37,8 @@ pub struct Job {
     pub stage: Stage,
     /// Questions in which the scheduler did not name it.
     pub missed: u32,
+    /// It measures.
+    pub alone: bool,
 }
 
 impl Job {
@@ -55,6 +57,7 @@ impl Job {
             trouble: None,
             stage: Stage::Queued,
             missed: 0,
+            alone: false,
         }
     }
 
@@ -71,7 +74,7 @@ impl Job {
                     return true;
                 }
             },
-            Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
+            Line::Machine { .. } | Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
         }
         false
     }

@@ -29,6 +29,15 @@ pub enum Stage {
     Running,
 }
 
+/// A class of nodes.
+#[derive(Clone, Copy)]
+pub struct Class<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// The only node of it that counts.
+    pub node: Option<&'a str>,
+}
+
 /// Jobs that are submitted together.
 pub struct Submission<'a> {
     /// Their name.
@@ -39,6 +48,8 @@ pub struct Submission<'a> {
     pub jobs: usize,
     /// What each of them asks for.
     pub resources: Resources,
+    /// The nodes that they need to themselves, one job at a time, if they measure.
+    pub class: Option<Class<'a>>,
     /// More options of the command that submits them. They override the resources.
     pub options: Vec<&'a str>,
 }

@@ -7,6 +7,7 @@ use super::{
     JobOptions,
     folder::Folder,
     job::{Job, Open, Unseen},
+    machine,
     pace::Pace,
     queue::{self, Queue, Stage},
 };
@@ -40,6 +41,15 @@ const VISIBLE: Duration = Duration::from_secs(30);
 /// Questions that the scheduler may leave open before people are told.
 const UNANSWERED: u32 = 3;
 
+/// What the actions of a job have in common.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Like {
+    node: Name,
+    resources: Resources,
+    /// They measure, and have a node to themselves.
+    alone: bool,
+}
+
 /// See the module.
 pub struct Steward<'a, 'o> {
     crew: &'o Crew<'a>,
@@ -47,8 +57,10 @@ pub struct Steward<'a, 'o> {
     queue: Box<dyn Queue>,
     root: PathBuf,
     store: PathBuf,
-    /// By node and resources, in the order in which they came.
-    waiting: BTreeMap<(Name, Resources), VecDeque<Open>>,
+    /// By what a job of them has in common, in the order in which they came.
+    waiting: BTreeMap<Like, VecDeque<Open>>,
+    /// The node that measures, if it has a name.
+    node: Option<String>,
     /// Open orders by batch.
     batches: HashMap<u64, usize>,
     next_batch: u64,
@@ -73,8 +85,8 @@ pub struct Steward<'a, 'o> {
 }
 
 impl<'a, 'o> Steward<'a, 'o> {
-    /// With no jobs.
-    pub fn new(crew: &'o Crew<'a>, options: &'o JobOptions) -> Self {
+    /// With no jobs. Those that measure run on this node.
+    pub fn new(crew: &'o Crew<'a>, options: &'o JobOptions, node: Option<String>) -> Self {
         let dir = crew.of.store.dir();
         let store = std::path::absolute(dir).unwrap_or_else(|_| dir.to_owned());
         let now = Instant::now();
@@ -85,6 +97,7 @@ impl<'a, 'o> Steward<'a, 'o> {
             root: store.join("jobs"),
             store,
             waiting: BTreeMap::new(),
+            node,
             batches: HashMap::new(),
             next_batch: 0,
             wanted: Arc::default(),
@@ -152,6 +165,13 @@ impl<'a, 'o> Steward<'a, 'o> {
         if last {
             self.batches.remove(&open.batch);
         }
+        let producer = &open.order.action.producer;
+        if matches!(execution.outcome, Outcome::Failed(_))
+            && producer.spec.measures(producer.group)
+            && let Err(error) = machine::forget(self.crew.of.store, self.options)
+        {
+            self.warn(format!("the machine that measures is not forgotten: {error}"));
+        }
         if matches!(execution.outcome, Outcome::Ran(_)) {
             self.pace.note(&open.label.node, execution.spent_us);
         }
@@ -193,7 +213,9 @@ impl<'a, 'o> Steward<'a, 'o> {
 
     fn wait(&mut self, open: Open) {
         self.first.get_or_insert_with(Instant::now);
-        let like = (open.label.node.clone(), self.resources(&open));
+        let producer = &open.order.action.producer;
+        let alone = producer.spec.measures(producer.group);
+        let like = Like { node: open.label.node.clone(), resources: self.resources(&open), alone };
         self.waiting.entry(like).or_default().push_back(open);
     }
 
@@ -285,7 +307,7 @@ impl<'a, 'o> Steward<'a, 'o> {
                             self.unseen.push(Unseen { open, end: told, warning, spent_us, since: Instant::now() });
                         }
                     }
-                    Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
+                    Line::Machine { .. } | Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
                 }
             }
         }

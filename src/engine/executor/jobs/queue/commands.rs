@@ -10,7 +10,8 @@ const MOST_NAMED: usize = 500;
 /// See the module. In the command lines, words in braces are replaced.
 pub struct Commands {
     /// Submits the job of `{script}` under the name `{name}`, with its output in `{log}`; prints the job's id. It may
-    /// ask for `{cores}`, `{memory}` in MiB, `{time}` in seconds, and `{gpus}`.
+    /// ask for `{cores}`, `{memory}` in MiB, `{time}` in seconds, and `{gpus}`. `{class}` is the class of nodes that
+    /// measure, for jobs that do.
     pub submit: String,
     /// Prints a line for each job that has not ended: its id, and a word for its state. It may name other jobs.
     pub poll: String,
@@ -45,7 +46,8 @@ impl Queue for Commands {
             let script = quoted(&of.folder.path().join(format!("{job}.sh")).display().to_string());
             let log = quoted(&of.folder.log_of(&job.to_string()).display().to_string());
             let line = self.submit.replace("{script}", &script).replace("{log}", &log);
-            let line = with_resources(&line, of.resources);
+            let class = of.class.map_or_else(String::new, |class| quoted(class.name));
+            let line = with_resources(&line, of.resources).replace("{class}", &class);
             let mut line = line.replace("{name}", &quoted(&format!("{}-{job}", of.name)));
             for option in &of.options {
                 line.push(' ');

@@ -1,6 +1,6 @@
 //! HyperQueue: jobs are the tasks of one of its jobs.
 
-use super::{Queue, Stage, Submission, ask};
+use super::{Class, Queue, Stage, Submission, ask};
 use serde_json::Value;
 use std::{
     collections::{BTreeSet, HashMap},
@@ -22,9 +22,12 @@ fn name(option: &str) -> &str {
 }
 
 /// Options of `hq submit` that ask for resources. Workers know their memory in megabytes.
-fn asked(of: Resources) -> Vec<String> {
+fn asked(of: Resources, class: Option<Class<'_>>) -> Vec<String> {
+    let cores = || of.cores.map(|cores| format!("--cpus={cores}"));
     let options = [
-        of.cores.map(|cores| format!("--cpus={cores}")),
+        // Whoever measures has all of the worker.
+        class.map_or_else(cores, |_| Some("--cpus=all".to_owned())),
+        class.map(|class| format!("--resource={}=1", class.name)),
         of.memory.map(|bytes| format!("--resource=mem={}", bytes.div_ceil(1_000_000))),
         of.time.map(|seconds| format!("--time-limit={seconds}s")),
         of.gpus.filter(|gpus| *gpus > 0).map(|gpus| format!("--resource=gpus/nvidia={gpus}")),
@@ -40,7 +43,7 @@ impl Queue for HyperQueue {
         command.arg(format!("--stdout={}", of.folder.log_of("%{TASK_ID}").display())).arg("--stderr=none");
         // It takes an option once.
         let is_given = |option: &&String| of.options.iter().any(|given| name(given) == name(option));
-        command.args(asked(of.resources).iter().filter(|option| !is_given(option))).args(&of.options);
+        command.args(asked(of.resources, of.class).iter().filter(|option| !is_given(option))).args(&of.options);
         // It sets this variable, which enters the keys of programs.
         let threads = match std::env::var("OMP_NUM_THREADS") {
             Ok(threads) => format!("export OMP_NUM_THREADS={}", super::quoted(&threads)),

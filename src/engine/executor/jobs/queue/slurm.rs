@@ -1,6 +1,6 @@
 //! Slurm: jobs are the tasks of one array.
 
-use super::{Queue, Stage, Submission, ask};
+use super::{Class, Queue, Stage, Submission, ask};
 use std::{collections::HashMap, fs, process::Command};
 use tauflow_contract::Resources;
 
@@ -22,6 +22,13 @@ fn asked(of: Resources) -> Vec<String> {
     options.into_iter().flatten().collect()
 }
 
+/// Options of `sbatch` that ask for nodes with a feature, alone.
+fn of_class(class: Option<Class<'_>>) -> Vec<String> {
+    let Some(Class { name, node }) = class else { return Vec::new() };
+    let node = node.map(|node| format!("--nodelist={node}"));
+    [Some(format!("--constraint={name}")), Some("--exclusive".to_owned()), node].into_iter().flatten().collect()
+}
+
 impl Queue for Slurm {
     fn submit(&self, of: &Submission<'_>) -> Result<Vec<String>, String> {
         let script = of.folder.path().join("array.sh");
@@ -33,7 +40,7 @@ impl Queue for Slurm {
         // `%` begins a pattern in the names of outputs.
         let log = of.folder.log_of("{number}").display().to_string().replace('%', "%%").replace("{number}", "%a");
         command.arg(format!("--output={log}"));
-        command.args(asked(of.resources)).args(&of.options);
+        command.args(asked(of.resources)).args(of_class(of.class)).args(&of.options);
         let said = ask(command.arg(&script))?;
         // `ID`, or `ID;CLUSTER`; a plug-in may have printed more before.
         let id = said.lines().last().and_then(|line| line.split(';').next()).unwrap_or_default().trim();

@@ -8,12 +8,11 @@ use super::{
         pace::Pace,
         queue,
     },
-    Steward,
+    Like, Steward,
 };
 use crate::engine::{
     EngineError,
     batch::{BatchFile, BatchedAction},
-    event::Name,
     execute::{Execution, Outcome},
 };
 use std::{
@@ -53,7 +52,7 @@ impl Steward<'_, '_> {
         let longest = self.options.duration.as_secs_f64();
         let cost =
             |pace: &mut Pace, open: &Open| pace.seconds(&open.label.node, &open.order.action, self.crew.of.store);
-        let costs: Vec<((Name, Resources), Vec<f64>)> = self
+        let costs: Vec<(Like, Vec<f64>)> = self
             .waiting
             .iter()
             .map(|(like, opens)| (like.clone(), opens.iter().map(|open| cost(&mut self.pace, open)).collect()))
@@ -62,18 +61,25 @@ impl Steward<'_, '_> {
         let duration = bundle::duration(all, free, longest);
         let mut room = free.min(MOST_TOGETHER);
         for (like, costs) in costs {
+            // Jobs that measure come one after the other, whatever the scheduler would do.
+            let (duration, room_now) = match like.alone {
+                true if self.jobs.iter().any(|job| job.alone) => continue,
+                true => (longest, room.min(1)),
+                false => (duration, room),
+            };
             let Some(opens) = self.waiting.get_mut(&like) else { continue };
-            let bundles: Vec<_> = bundle::bundles(&costs, duration).into_iter().take(room).collect();
+            let bundles: Vec<_> = bundle::bundles(&costs, duration).into_iter().take(room_now).collect();
             let longest = bundles.iter().map(|range| costs[range.clone()].iter().sum::<f64>()).fold(0.0, f64::max);
             let jobs: Vec<Vec<Open>> = bundles.iter().map(|range| opens.drain(..range.len()).collect()).collect();
-            let (node, resources) = like;
+            let resources = like.resources;
             let most = jobs.iter().map(Vec::len).max().unwrap_or(0);
-            let resources = Resources { time: bundle::time_limit(resources.time, most, longest), ..resources };
+            let time = bundle::time_limit(resources.time, most, longest);
+            let like = Like { resources: Resources { time, ..resources }, ..like };
             if jobs.is_empty() {
                 continue;
             }
             room -= jobs.len();
-            if let Err((error, orders)) = self.submit_jobs(&node, resources, jobs) {
+            if let Err((error, orders)) = self.submit_jobs(&like, jobs) {
                 self.refused(error, orders);
                 break;
             }
@@ -85,19 +91,15 @@ impl Steward<'_, '_> {
     }
 
     /// Submits jobs of these actions of a node, or gives them back.
-    fn submit_jobs(
-        &mut self,
-        node: &Name,
-        resources: Resources,
-        jobs: Vec<Vec<Open>>,
-    ) -> Result<(), (Refusal, Vec<Open>)> {
+    fn submit_jobs(&mut self, like: &Like, jobs: Vec<Vec<Open>>) -> Result<(), (Refusal, Vec<Open>)> {
         let all = |jobs: Vec<Vec<Open>>| jobs.into_iter().flatten().collect();
         let holdings = self.holdings();
         let mut wanted: Vec<Digest> = self.wanted.iter().copied().collect();
         wanted.sort_unstable();
         let batch = |opens: &Vec<Open>| {
             let actions = opens.iter().map(|open| BatchedAction::leave(&open.order.action, holdings));
-            Ok(BatchFile { actions: actions.collect::<Result<_, CacheError>>()?, wanted: wanted.clone() })
+            let actions = actions.collect::<Result<_, CacheError>>()?;
+            Ok(BatchFile { actions, wanted: wanted.clone(), machine: false })
         };
         // Other machines see what this process has only stored after that.
         let batches = jobs.iter().map(batch).collect::<Result<Vec<_>, EngineError>>();
@@ -121,9 +123,12 @@ impl Steward<'_, '_> {
             }
         };
         let name = folder.name();
-        let for_it = |option: &&JobOption| option.node.as_deref().is_none_or(|name| name == &**node);
+        let for_it = |option: &&JobOption| option.node.as_deref().is_none_or(|name| name == &*like.node);
         let options = self.options.options.iter().filter(for_it).map(|option| option.text.as_str()).collect();
-        let submission = queue::Submission { name: &name, folder: &folder, jobs: jobs.len(), resources, options };
+        let class = self.options.timing.as_deref().filter(|_| like.alone);
+        let class = class.map(|name| queue::Class { name, node: self.node.as_deref() });
+        let (jobs_len, resources) = (jobs.len(), like.resources);
+        let submission = queue::Submission { name: &name, folder: &folder, jobs: jobs_len, resources, class, options };
         let ids = match self.queue.submit(&submission) {
             Ok(ids) => ids,
             Err(error) => return Err((Refusal::Scheduler(error), all(jobs))),
@@ -135,7 +140,8 @@ impl Steward<'_, '_> {
         }
         let folder = Rc::new(RefCell::new(folder));
         for (number, (opens, id)) in jobs.into_iter().zip(noted.ids).enumerate() {
-            self.jobs.push(Job::new(&folder, number, id, opens.into_iter().map(Some).collect()));
+            let job = Job::new(&folder, number, id, opens.into_iter().map(Some).collect());
+            self.jobs.push(Job { alone: like.alone, ..job });
         }
         Ok(())
     }
