@@ -145,6 +145,7 @@ fn scores(add: Add<'_>) {
         preview_psnr: psnr,
         preview_mae: 0.1,
         ssim: 0.5,
+        ..Metrics::default()
     };
     let scored = |key: &str, method: &str, nfe: u64, psnr: f64| -> Collection {
         let score = Score { method: method.into(), from_spp: 1, to_spp: 8, nfe, metrics: metrics(psnr) };

@@ -12,7 +12,7 @@ use tauflow_data::{
         Conditioning, Parameterization,
         axes::{CONDITIONING, PARAMETERIZATION},
     },
-    records::{Claim, ClaimVerdict, Estimate, Evidence, METRICS},
+    records::{Claim, ClaimVerdict, Estimate, Evidence},
 };
 
 /// The metrics for claims: PSNR of linear radiance and of previews.
@@ -28,18 +28,17 @@ pub(crate) struct Curve<'a> {
     pub(crate) nfe: &'a [u64],
     /// Column of the first metric at the first NFE.
     pub(crate) at: usize,
+    /// The metrics of each NFE, in the order of their columns.
+    pub(crate) metrics: &'a [&'static str],
 }
 
 /// A figure of a table of means.
 type Figure<'a> = Box<dyn Fn(&[f64]) -> f64 + 'a>;
 
-fn column(metric: &str) -> usize {
-    METRICS.iter().position(|name| *name == metric).expect("a name of METRICS")
-}
-
 impl Curve<'_> {
     fn values(&self, means: &[f64], metric: &str) -> Vec<f64> {
-        (0..self.nfe.len()).map(|step| means[self.at + step * METRICS.len() + column(metric)]).collect()
+        let column = self.metrics.iter().position(|name| *name == metric).expect("claims are of basic metrics");
+        (0..self.nfe.len()).map(|step| means[self.at + step * self.metrics.len() + column]).collect()
     }
 
     fn auc<'a>(&'a self, metric: &'static str) -> Figure<'a> {
@@ -174,6 +173,7 @@ fn nearest(nfe: &[u64], to: u64) -> usize {
 mod tests {
     use super::*;
     use crate::bootstrap::Table;
+    use tauflow_data::records::BASIC;
 
     const NFE: [u64; 3] = [1, 9, 50];
 
@@ -184,14 +184,13 @@ mod tests {
             .into_iter()
             .flat_map(|conditioning| Parameterization::ALL.map(|method| (method, conditioning)))
             .collect();
-        let mut table = Table::new(cells.len() * NFE.len() * METRICS.len());
+        let mut table = Table::new(cells.len() * NFE.len() * BASIC.len());
         for scene in 0..20 {
             let wobble = 0.01 * f64::from(scene % 5);
             let figures = cells.iter().flat_map(|(method, conditioning)| {
                 let (psnr, mae) = (&psnr, &mae);
                 (0..NFE.len()).flat_map(move |step| {
-                    METRICS
-                        .map(|m| if m == "hdr_mae" { mae(step) } else { psnr(*method, *conditioning, step) } + wobble)
+                    BASIC.map(|m| if m == "hdr_mae" { mae(step) } else { psnr(*method, *conditioning, step) } + wobble)
                 })
             });
             table.push(None, &figures.collect::<Vec<f64>>());
@@ -202,7 +201,8 @@ mod tests {
                 .map(|(a, b)| (a.to_owned(), b.to_owned()))
                 .into(),
             nfe: &NFE,
-            at: i * NFE.len() * METRICS.len(),
+            at: i * NFE.len() * BASIC.len(),
+            metrics: &BASIC,
         };
         let curves: Vec<Curve<'_>> = cells.iter().enumerate().map(curve).collect();
         claims(&curves, &resampled)

@@ -24,6 +24,7 @@ fn metrics(psnr: f64) -> Metrics {
         preview_psnr: psnr + 1.0,
         preview_mae: 0.05,
         ssim: 0.5,
+        ..Metrics::default()
     }
 }
 

@@ -6,7 +6,15 @@ use tauflow_contract::{ItemKey, Kind};
 use tauflow_data::records::{AxisValue, Metrics, SceneScores, Score, ScoreTable, TableCell};
 
 fn metrics(psnr: f64) -> Metrics {
-    Metrics { hdr_psnr: psnr, hdr_psnr_max: psnr, hdr_mae: 1.0 / psnr, preview_psnr: psnr, preview_mae: 0.1, ssim: 0.5 }
+    Metrics {
+        hdr_psnr: psnr,
+        hdr_psnr_max: psnr,
+        hdr_mae: 1.0 / psnr,
+        preview_psnr: psnr,
+        preview_mae: 0.1,
+        ssim: 0.5,
+        ..Metrics::default()
+    }
 }
 
 fn scores(key: &str, of: &[(u64, f64)]) -> (ItemKey, SceneScores) {
