@@ -6,9 +6,9 @@
 //!
 //! # Source
 //! Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", HPG 2020; Andersson, Nilsson, Shirley,
-//! Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range Images", Eurographics 2021 short papers. Constants
-//! are those of the reference implementation, `flip_evaluator` 1.7: a display of 3840 pixels and 0.7 m, seen from
-//! 0.7 m, and the ACES curve for HDR-FLIP. All arithmetic is f64.
+//! Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range Images", Eurographics 2021 short papers. The
+//! constants are those of the reference implementation, `flip_evaluator` 1.7: a display of 3840 pixels and 0.7 m, seen
+//! from 0.7 m, and the ACES curve for HDR-FLIP. All arithmetic is f64.
 
 use tauflow_data::{
     Image,

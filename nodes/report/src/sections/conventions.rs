@@ -14,7 +14,7 @@ const REQUESTED: [(&str, &str, &str); 4] = [
     (
         "flip",
         "FLIP",
-        "of previews as sRGB images on a display of 67 pixels per degree, mean over pixels; 0 is equal, lower is better",
+        "of previews as sRGB images at 67 pixels per degree, mean over pixels; 0 is equal, lower is better",
     ),
     (
         "hdr_flip",
