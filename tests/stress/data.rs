@@ -10,7 +10,7 @@ use tauflow_data::{
     Image, IntegratorKind, Regime, SamplerKind, Stratum,
     image_io::write_exr,
     records::{
-        Asset, AssetBody, AssetReport, Convergence, Evaluation, Exposure, Ladder, LadderMeta, METRICS, Metrics, Rung,
+        Asset, AssetBody, AssetReport, BASIC, Convergence, Evaluation, Exposure, Ladder, LadderMeta, Metrics, Rung,
         SceneRecord, SceneScores, Score,
     },
     rng::Stream,
@@ -159,7 +159,7 @@ fn scores(add: Add<'_>) {
     let came = run::<EvaluationKind>(&blobs, params, &[("scores", &cell), ("hold", &hold)]).and_then(|outputs| {
         let found: Evaluation = read(&blobs, &outputs, "tables")?;
         let at = &found.methods[0].at[0];
-        let finite = METRICS.iter().all(|name| {
+        let finite = BASIC.iter().all(|name| {
             let estimate = &at.gain[*name];
             [estimate.mean, estimate.low, estimate.high].iter().all(|v| v.is_finite())
         });

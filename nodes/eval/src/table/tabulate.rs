@@ -195,8 +195,12 @@ fn tabulated(
         params.metrics.iter().cloned().partition(|name| common.contains(&name.as_str()));
     for name in &absent {
         let quoted = format!("`{name}`");
-        let why = partial.iter().find(|note| note.starts_with(&quoted)).cloned();
-        notes.push(why.unwrap_or_else(|| format!("{quoted}, because no score has it")));
+        match partial.iter().find(|note| note.starts_with(&quoted)) {
+            Some(why) => notes.push(why.clone()),
+            // A node that left the metric out says why.
+            None if notes.iter().any(|note| note.contains(&quoted)) => {}
+            None => notes.push(format!("{quoted}, because no score has it")),
+        }
     }
     if there.is_empty() {
         return Err(KindError::Input(format!("no metric of the table can be tabulated: {}", notes.join("; "))));
