@@ -128,7 +128,7 @@ fn values(evaluation: &Evaluation, columns: &[Column<'_>], nfe: u64, metric: &st
         coloured("pos", 58.0 * share, &fixed(value, digits))
     };
     let mut out = format!(
-        "<p>{} at NFE {nfe}. The darkest cell is the best of all methods and strata.</p>{}",
+        "<p>{} at NFE {nfe}. The strongest colour is the best of all methods and strata.</p>{}",
         metric_name(metric),
         head(columns, "Hold")
     );
