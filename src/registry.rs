@@ -30,6 +30,7 @@ pub fn registry() -> Registry {
         tauflow_train::kinds(),
         tauflow_generative::kinds(),
         tauflow_denoiser::kinds(),
+        tauflow_perceptual::kinds(),
         tauflow_denoise::kinds(),
         tauflow_eval::kinds(),
         tauflow_scorer::kinds(),

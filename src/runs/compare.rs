@@ -223,7 +223,7 @@ fn paired(output: &str, before: &Scores, after: &Scores) -> Vec<MetricChange> {
         for (place, metric) in METRICS.iter().enumerate() {
             let mut table = Paired::new(2);
             for (item, values) in was {
-                let pair = is.get(item).map(|other| [values[place], other[place]]);
+                let pair = is.get(item).and_then(|other| Some([values[place]?, other[place]?]));
                 if let Some(pair) = pair.filter(|pair| pair.iter().all(|value| value.is_finite())) {
                     table.push(None, &pair);
                 }
@@ -292,7 +292,7 @@ mod tests {
 
     /// Scores of one figure, the first metric of each item given and the others 0.
     fn scores(of: &str, items: &[(&str, f64)]) -> Scores {
-        let row = |value: f64| METRICS.iter().enumerate().map(|(n, _)| if n == 0 { value } else { 0.0 }).collect();
+        let row = |value: f64| (0..METRICS.len()).map(|n| Some(if n == 0 { value } else { 0.0 })).collect();
         let items = items.iter().map(|(item, value)| ((*item).to_owned(), row(*value))).collect();
         Scores::from([(figure(of), items)])
     }

@@ -52,8 +52,8 @@ impl Ord for Figure {
     }
 }
 
-/// Scores by figure and item, in the order of [`METRICS`].
-pub(super) type Scores = BTreeMap<Figure, BTreeMap<String, Vec<f64>>>;
+/// Scores by figure and item, in the order of [`METRICS`]; none for a metric that was not computed.
+pub(super) type Scores = BTreeMap<Figure, BTreeMap<String, Vec<Option<f64>>>>;
 
 /// Whether an output holds scores.
 pub(super) fn has_scores(output: &RunOutput) -> bool {
@@ -90,7 +90,7 @@ fn of_score(score: &Score) -> [(&'static str, AxisValue); 3] {
 /// Adds the scores of an artifact.
 fn take(scores: &mut Scores, media: &str, key: &str, bytes: &[u8]) -> Result<(), serde_json::Error> {
     let mut add = |figure: Figure, item: &str, metrics: &Metrics| {
-        let values = METRICS.map(|name| metrics.get(name).map_or(f64::NAN, |value| registry::bounded(name, value)));
+        let values = METRICS.map(|name| Some(registry::bounded(name, metrics.get(name)?)));
         scores.entry(figure).or_default().insert(item.to_owned(), values.to_vec());
     };
     if media == SceneScores::NAME {
@@ -116,6 +116,7 @@ fn take(scores: &mut Scores, media: &str, key: &str, bytes: &[u8]) -> Result<(),
 mod tests {
     use super::*;
     use serde_json::json;
+    use tauflow_data::records::BASIC;
 
     #[test]
     fn scores_of_images_and_tables_are_read_by_figure_and_item() {
@@ -133,8 +134,9 @@ mod tests {
         let (figure, items) = found.first_key_value().expect("a figure");
         assert_eq!(figure.to_string(), "method=m, from=4, nfe=2");
         let values = &items["L0-open-1"];
-        assert_eq!(values[1..], [2.0, 3.0, 4.0, 5.0, 0.5]);
-        assert!(values[0].is_finite(), "an infinite PSNR is held below the ceiling of the tables");
+        assert_eq!(values[1..BASIC.len()], [2.0, 3.0, 4.0, 5.0, 0.5].map(Some));
+        assert!(values[BASIC.len()..].iter().all(Option::is_none));
+        assert!(values[0].is_some_and(f64::is_finite), "an infinite PSNR is held below the ceiling of the tables");
         let table = json!({
             "title": "t", "row_axes": 1, "metrics": ["ssim"], "reference_spp": 64, "items": 1, "resamples": 10,
             "axes": [{ "name": "spp", "type": "integer", "values": [4] }], "cells": [], "formats": { "latex": false },
@@ -142,7 +144,7 @@ mod tests {
         });
         let found = read(ScoreTable::NAME, table).expect("its own form");
         let (figure, items) = found.first_key_value().expect("a figure");
-        assert_eq!((figure.to_string().as_str(), items["i"][5]), ("spp=4", 0.5));
+        assert_eq!((figure.to_string().as_str(), items["i"][5]), ("spp=4", Some(0.5)));
         assert!(read(Evaluation::NAME, json!({ "scores": [] })).is_err(), "another version is not misread");
     }
 

@@ -6,13 +6,15 @@ use std::{collections::BTreeSet, fs};
 use tauflow::registry::registry;
 
 /// Kinds whose outputs are not pinned, and why.
-const NOT_PINNED: [(&str, &str); 15] = [
+const NOT_PINNED: [(&str, &str); 17] = [
     ("assets", "what it makes depends on files from outside the project"),
     ("scene_files", "what it makes depends on files from outside the project"),
     ("command", "another program makes its outputs"),
     ("external_denoiser", "another program makes its images"),
     ("external_renderer", "another program makes its images"),
     ("pretrained_backbones", "what it makes depends on files from outside the project"),
+    ("lpips_weights", "what it makes depends on files from outside the project"),
+    ("lpips", "its weights are files from outside the project; the tests of its crate pin distances of made-up ones"),
     ("generative_training", "the tests of its crate pin what it makes of made-up scenes"),
     ("transport_adapter", "the tests of its crate pin what it makes of made-up scenes"),
     ("generation", "the tests of its crate pin what it makes of made-up scenes"),
@@ -25,10 +27,12 @@ const NOT_PINNED: [(&str, &str); 15] = [
 ];
 
 /// Kinds that `pipelines/stress.yaml` leaves out, and why.
-const NOT_STRESSED: [(&str, &str); 12] = [
+const NOT_STRESSED: [(&str, &str); 14] = [
     ("assets", "its hazards are damaged files, which the tests of its crate feed it"),
     ("scene_files", "its hazards are damaged files, which the tests of its crate feed it"),
     ("pretrained_backbones", "its hazards are damaged checkpoints, which the tests of its crate feed it"),
+    ("lpips_weights", "its hazards are damaged weights, which the tests of its crate feed it"),
+    ("lpips", "the tests of its crate feed it weights that overflow and values that are no numbers"),
     ("contact_sheet", "it shows pixels that other kinds made, and no number comes of them"),
     ("command", "it calls programs that are not ours"),
     ("external_denoiser", "it calls programs that are not ours"),

@@ -74,6 +74,10 @@ fn outputs_change_with_versions_alone() {
   rung_scores:
     kind: ladder_metrics
     inputs: { ladders: test_ladders, references: held_out }
+  seen_scores:
+    kind: ladder_metrics
+    inputs: { ladders: test_ladders, references: held_out }
+    params: { also: [ms_ssim, flip, hdr_flip], ms_ssim_scales: 1 }
   table:
     kind: table
     inputs: { scores: rung_scores }
@@ -122,6 +126,7 @@ fn outputs_change_with_versions_alone() {
         "report.report",
         "sheet.sheet",
         "rung_scores.metrics",
+        "seen_scores.metrics",
         "table.table",
     ] {
         let (kind, version) = done.kind(port);

@@ -10,7 +10,7 @@ use tauflow_data::{
     Image, IntegratorKind, Regime, SamplerKind, Stratum,
     image_io::write_exr,
     records::{
-        Asset, AssetBody, AssetReport, Convergence, Evaluation, Exposure, Ladder, LadderMeta, METRICS, Metrics, Rung,
+        Asset, AssetBody, AssetReport, BASIC, Convergence, Evaluation, Exposure, Ladder, LadderMeta, Metrics, Rung,
         SceneRecord, SceneScores, Score,
     },
     rng::Stream,
@@ -145,6 +145,7 @@ fn scores(add: Add<'_>) {
         preview_psnr: psnr,
         preview_mae: 0.1,
         ssim: 0.5,
+        ..Metrics::default()
     };
     let scored = |key: &str, method: &str, nfe: u64, psnr: f64| -> Collection {
         let score = Score { method: method.into(), from_spp: 1, to_spp: 8, nfe, metrics: metrics(psnr) };
@@ -158,7 +159,7 @@ fn scores(add: Add<'_>) {
     let came = run::<EvaluationKind>(&blobs, params, &[("scores", &cell), ("hold", &hold)]).and_then(|outputs| {
         let found: Evaluation = read(&blobs, &outputs, "tables")?;
         let at = &found.methods[0].at[0];
-        let finite = METRICS.iter().all(|name| {
+        let finite = BASIC.iter().all(|name| {
             let estimate = &at.gain[*name];
             [estimate.mean, estimate.low, estimate.high].iter().all(|v| v.is_finite())
         });

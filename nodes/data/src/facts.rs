@@ -23,6 +23,10 @@ pub const SPP: Fact<Vec<u64>> = Fact::new("spp");
 pub const NFE: Fact<Vec<u64>> = Fact::new("nfe");
 /// The samples per pixel of the reference behind scores.
 pub const REFERENCE_SPP: Fact<u64> = Fact::new("reference_spp");
+/// The metrics of scores beyond those that all scores have, by name.
+pub const MORE_METRICS: Fact<Vec<String>> = Fact::new("more_metrics");
+/// Whether there are weights of a perceptual distance.
+pub const HAS_WEIGHTS: Fact<bool> = Fact::new("weights");
 
 /// Numbers in words; of many, the first and the last.
 fn listed(numbers: &[u64]) -> String {
@@ -77,11 +81,11 @@ pub fn same_film(port: impl Named, source: &Source, other: &Source) -> Option<Fo
     })
 }
 
-/// Whether images are large enough for the window of SSIM, `side` pixels wide.
-pub fn least_film(port: impl Named, source: &Source, side: usize) -> Option<Foreseen> {
+/// Whether images are large enough for a metric that needs `side` pixels each way.
+pub fn least_film(port: impl Named, source: &Source, side: usize, metric: &str) -> Option<Foreseen> {
     let [width, height] = source.facts.get(FILM).filter(|film| film.iter().any(|own| *own < side))?;
     let message = format!(
-        "the images of `{}` have {width} x {height} pixels, but SSIM needs at least {side} x {side}",
+        "the images of `{}` have {width} x {height} pixels, but {metric} needs at least {side} x {side}",
         source.name
     );
     Some(Foreseen::input(port, message, "increase `resolution`"))
@@ -141,7 +145,7 @@ mod tests {
         assert_eq!(same_film(PORT, &film(8), &film(8)), None);
         assert_eq!(same_film(PORT, &film(8), &source("other", Facts::default())), None);
         assert_eq!((shared(&[film(8), film(8)], FILM), shared(&[film(8), film(9)], FILM)), (Some([8, 8]), None));
-        assert!(least_film(PORT, &film(16), 11).is_some() && least_film(PORT, &film(16), 8).is_none());
+        assert!(least_film(PORT, &film(16), 11, "SSIM").is_some() && least_film(PORT, &film(16), 8, "SSIM").is_none());
     }
 
     #[test]

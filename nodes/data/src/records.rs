@@ -72,6 +72,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<Ladder>(),
     MediaRow::of::<ModelFile>(),
     MediaRow::of::<PackedScene>(),
+    MediaRow::of::<PerceptualFile>(),
     MediaRow::of::<Refined>(),
     MediaRow::of::<Rollout>(),
     MediaRow::of::<SampleScores>(),

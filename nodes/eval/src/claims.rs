@@ -15,7 +15,7 @@ use tauflow_data::{
         Conditioning, Parameterization,
         axes::{CONDITIONING, DRAW, METHOD, PARAMETERIZATION},
     },
-    records::{Claim, ClaimVerdict, Estimate, Evidence, METRICS},
+    records::{Claim, ClaimVerdict, Estimate, Evidence},
 };
 
 /// The metrics for claims: PSNR of linear radiance and of previews.
@@ -37,6 +37,8 @@ pub(crate) struct Curve<'a> {
     pub(crate) nfe: &'a [u64],
     /// Column of the first metric at the first NFE.
     pub(crate) at: usize,
+    /// The metrics of each NFE, in the order of their columns.
+    pub(crate) metrics: &'a [&'static str],
 }
 
 /// Trainings of a solver that differ only in their draw.
@@ -45,19 +47,20 @@ struct Solver<'a> {
     nfe: &'a [u64],
     /// Where the columns of each draw start.
     draws: Vec<usize>,
+    metrics: &'a [&'static str],
 }
 
 /// A figure of a table of means, for one draw.
 type Figure<'a> = Box<dyn Fn(&[f64], usize) -> f64 + 'a>;
 
-fn column(metric: &str) -> usize {
-    METRICS.iter().position(|name| *name == metric).expect("a name of METRICS")
+fn column(metrics: &[&str], metric: &str) -> usize {
+    metrics.iter().position(|name| *name == metric).expect("claims are of basic metrics")
 }
 
 impl Solver<'_> {
     fn values(&self, means: &[f64], draw: usize, metric: &str) -> Vec<f64> {
-        let at = self.draws[draw];
-        (0..self.nfe.len()).map(|step| means[at + step * METRICS.len() + column(metric)]).collect()
+        let (at, width, column) = (self.draws[draw], self.metrics.len(), column(self.metrics, metric));
+        (0..self.nfe.len()).map(|step| means[at + step * width + column]).collect()
     }
 
     fn auc<'a>(&'a self, metric: &'static str) -> Figure<'a> {
@@ -140,7 +143,7 @@ pub(crate) fn claims(curves: &[Curve<'_>], baselines: &[Curve<'_>], resampled: &
                 for metric in JUDGED_BY {
                     for step in ends(own.nfe) {
                         let value = own.value(metric, step);
-                        let at = baseline.at + column(metric);
+                        let at = baseline.at + column(baseline.metrics, metric);
                         let above: Figure<'_> = Box::new(move |means, draw| value(means, draw) - means[at] + MATCH);
                         let what = format!("NFE {} over {name}, plus {MATCH} dB", own.nfe[step]);
                         even.add(what, metric, own.draws.len(), &above);
@@ -249,7 +252,7 @@ fn solvers<'a>(curves: &[Curve<'a>]) -> Vec<Solver<'a>> {
         cell.remove(DRAW);
         match solvers.iter_mut().find(|solver| solver.cell == cell && solver.nfe == curve.nfe) {
             Some(solver) => solver.draws.push(curve.at),
-            None => solvers.push(Solver { cell, nfe: curve.nfe, draws: vec![curve.at] }),
+            None => solvers.push(Solver { cell, nfe: curve.nfe, draws: vec![curve.at], metrics: curve.metrics }),
         }
     }
     solvers
@@ -339,6 +342,7 @@ fn nearest(nfe: &[u64], to: u64) -> usize {
 mod tests {
     use super::*;
     use crate::bootstrap::Table;
+    use tauflow_data::records::BASIC;
 
     const NFE: [u64; 3] = [1, 9, 50];
 
@@ -349,14 +353,13 @@ mod tests {
             .into_iter()
             .flat_map(|conditioning| Parameterization::ALL.map(|method| (method, conditioning)))
             .collect();
-        let mut table = Table::new(cells.len() * NFE.len() * METRICS.len());
+        let mut table = Table::new(cells.len() * NFE.len() * BASIC.len());
         for scene in 0..20 {
             let wobble = 0.01 * f64::from(scene % 5);
             let figures = cells.iter().flat_map(|(method, conditioning)| {
                 let (psnr, mae) = (&psnr, &mae);
                 (0..NFE.len()).flat_map(move |step| {
-                    METRICS
-                        .map(|m| if m == "hdr_mae" { mae(step) } else { psnr(*method, *conditioning, step) } + wobble)
+                    BASIC.map(|m| if m == "hdr_mae" { mae(step) } else { psnr(*method, *conditioning, step) } + wobble)
                 })
             });
             table.push(None, &figures.collect::<Vec<f64>>());
@@ -367,7 +370,8 @@ mod tests {
                 .map(|(a, b)| (a.to_owned(), b.to_owned()))
                 .into(),
             nfe: &NFE,
-            at: i * NFE.len() * METRICS.len(),
+            at: i * NFE.len() * BASIC.len(),
+            metrics: &BASIC,
         };
         let curves: Vec<Curve<'_>> = cells.iter().enumerate().map(curve).collect();
         claims(&curves, &[], &resampled)
@@ -424,15 +428,15 @@ mod tests {
     /// Two solvers of some draws, and a baseline: figures of each scene and draw.
     fn drawn(psnr: impl Fn(Parameterization, usize) -> f64, baseline: f64) -> Vec<Claim> {
         let methods = [Parameterization::McNoise, Parameterization::VanillaRf];
-        let width = NFE.len() * METRICS.len();
-        let mut table = Table::new(6 * width + METRICS.len());
+        let width = NFE.len() * BASIC.len();
+        let mut table = Table::new(6 * width + BASIC.len());
         for scene in 0..20 {
             let wobble = 0.01 * f64::from(scene % 5);
             let mut row = Vec::new();
             for method in methods {
                 (0..3).for_each(|draw| row.extend(vec![psnr(method, draw) + wobble; width]));
             }
-            row.extend(vec![baseline + wobble; METRICS.len()]);
+            row.extend(vec![baseline + wobble; BASIC.len()]);
             table.push(None, &row);
         }
         let resampled = Resampled::new(&table, 200, 1).expect("scenes");
@@ -442,9 +446,9 @@ mod tests {
             .iter()
             .flat_map(|method| draws.map(|draw| cell(&[(PARAMETERIZATION, method.name()), (DRAW, draw)])))
             .enumerate()
-            .map(|(i, cell)| Curve { cell, nfe: &NFE, at: i * width })
+            .map(|(i, cell)| Curve { cell, nfe: &NFE, at: i * width, metrics: &BASIC })
             .collect();
-        let baseline = |name| Curve { cell: cell(&[("method", name)]), nfe: &NFE[..1], at: 6 * width };
+        let baseline = |name| Curve { cell: cell(&[("method", name)]), nfe: &NFE[..1], at: 6 * width, metrics: &BASIC };
         claims(&curves, &[baseline("oidn"), baseline("bundled")], &resampled)
     }
 

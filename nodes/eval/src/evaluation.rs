@@ -18,13 +18,13 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     StratumName,
-    facts::{NFE, REFERENCE_SPP, SPP},
+    facts::{MORE_METRICS, NFE, REFERENCE_SPP, SPP},
     methods::{
         Conditioning,
         axes::{CONDITIONING, PARAMETERIZATION, SPACE},
     },
     records::{
-        Estimate, Evaluation, METRICS, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus,
+        Estimate, Evaluation, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus, computed,
         higher_is_better,
     },
 };
@@ -93,6 +93,7 @@ impl Kind for EvaluationKind {
                 let sure = || sources.iter().filter(|source| source.facts.get(SPP).is_some());
                 problems.extend(sure().find_map(|of| differ(port, of, hold, REFERENCE_SPP, "reference")));
                 problems.extend(sure().find_map(|of| differ(port, of, hold, SPP, "start")));
+                problems.extend(sources.iter().find_map(|of| differ_in_metrics(port, of, hold)));
             }
         }
         let nfe: Option<Vec<Vec<u64>>> = scores.iter().map(|source| source.facts.get(NFE)).collect();
@@ -134,6 +135,19 @@ fn differ<T: DeserializeOwned + PartialEq + Debug>(
         );
         Foreseen::input(port, message, "use the same samples for both, or evaluate them in separate nodes")
     })
+}
+
+/// Whether scores have a metric that those of the endpoints lack, or the other way round.
+fn differ_in_metrics(port: All<SceneScores>, source: &Source, hold: &Source) -> Option<Foreseen> {
+    let (own, other) = (source.facts.get(MORE_METRICS)?, hold.facts.get(MORE_METRICS)?);
+    let lacks = |has: &[String], lacks: &[String]| has.iter().find(|name| !lacks.contains(name)).cloned();
+    let told = |name: String, has: &Source, lacks: &Source| {
+        let message = format!("`{}` computes `{name}`, but `{}` does not", has.name, lacks.name);
+        Foreseen::input(port, message, format!("add `{name}` to `also` of `{}`, or remove it", lacks.name))
+    };
+    lacks(&own, &other)
+        .map(|name| told(name, source, hold))
+        .or_else(|| lacks(&other, &own).map(|name| told(name, hold, source)))
 }
 
 /// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].
@@ -232,10 +246,13 @@ pub fn evaluate(
 ) -> Result<Evaluation, KindError> {
     let (baselines, absent): (Vec<_>, Vec<_>) = baselines.iter().cloned().partition(|(_, of)| !of.scores.is_empty());
     let mut notes: Vec<String> = absent.into_iter().filter_map(|(_, of)| of.note).collect();
-    notes.sort_unstable();
-    notes.dedup();
     let baselines = &baselines[..];
     let items = || hold.iter().chain(scores).chain(baselines);
+    notes.extend(items().filter_map(|(_, of)| of.note.clone()));
+    let (names, left_out) = common_metrics(items());
+    notes.extend(left_out);
+    notes.sort_unstable();
+    notes.dedup();
     let reference_spp = common(items().map(|(k, s)| (k.to_string(), s.reference_spp)), "the reference")?;
     let starts = items().flat_map(|(k, s)| s.scores.iter().map(move |score| (k.to_string(), score.from_spp)));
     let from_spp = common(starts, "the start")?;
@@ -250,24 +267,25 @@ pub fn evaluate(
     let others = self::cells(baselines, BASELINES.name())?;
     cells.iter().chain(&others).try_for_each(|cell| check_scenes(hold, cell))?;
 
-    let resampled = resample(hold, cells.iter().chain(&others), groups, resamples, seed)?;
-    let names = || METRICS.iter().map(|m| (*m).to_owned());
-    let mut at = METRICS.len();
+    let names = Names(&names);
+    let resampled = resample(names, hold, cells.iter().chain(&others), groups, resamples, seed)?;
+    let count = names.0.len();
+    let mut at = count;
     let mut methods = Vec::with_capacity(cells.len());
     let mut curves = Vec::with_capacity(cells.len());
     for cell in &cells {
-        curves.push(Curve { cell: coordinates(cell.key), nfe: &cell.nfe, at });
-        methods.push(method(cell, &resampled, at));
-        at += cell.nfe.len() * METRICS.len();
+        curves.push(Curve { cell: coordinates(cell.key), nfe: &cell.nfe, at, metrics: names.0 });
+        methods.push(method(names, cell, &resampled, at));
+        at += cell.nfe.len() * count;
     }
     let mut tables = Vec::with_capacity(others.len());
     let mut versus = Vec::new();
     let mut beside = Vec::with_capacity(others.len());
     for other in &others {
-        beside.push(Curve { cell: coordinates(other.key), nfe: &other.nfe, at });
-        tables.push(method(other, &resampled, at));
-        versus.extend(against(&cells, other, &resampled, at));
-        at += other.nfe.len() * METRICS.len();
+        beside.push(Curve { cell: coordinates(other.key), nfe: &other.nfe, at, metrics: names.0 });
+        tables.push(method(names, other, &resampled, at));
+        versus.extend(against(names, &cells, other, &resampled, at));
+        at += other.nfe.len() * count;
     }
     let mut nfe: Vec<u64> = cells.iter().flat_map(|c| c.nfe.iter().copied()).collect();
     nfe.sort_unstable();
@@ -279,7 +297,7 @@ pub fn evaluate(
         groups: groups.count(hold.scenes.keys().copied())?,
         resamples,
         nfe,
-        hold: names().enumerate().map(|(i, name)| (name, resampled.estimate(|m| m[i]))).collect(),
+        hold: names.each(|i, _| resampled.estimate(|m| m[i])),
         methods,
         baselines: tables,
         versus,
@@ -289,10 +307,48 @@ pub fn evaluate(
     })
 }
 
+/// The metrics that all scores have, and what is said of those that only some have.
+pub(crate) fn common_metrics<'a>(
+    items: impl Iterator<Item = &'a (ItemKey, SceneScores)> + Clone,
+) -> (Vec<&'static str>, Vec<String>) {
+    let all = || items.clone().flat_map(|(key, of)| of.scores.iter().map(move |score| (key, &score.metrics)));
+    let lacking = |name: &str| all().find(|(_, metrics)| metrics.get(name).is_none());
+    let (mut names, mut notes) = (Vec::new(), Vec::new());
+    for name in computed(all().map(|(_, metrics)| metrics)) {
+        match lacking(name) {
+            None => names.push(name),
+            Some((key, _)) => notes.push(format!(
+                "`{name}`, because `{key}` and perhaps others lack it; compute it for all scores or for none"
+            )),
+        }
+    }
+    (names, notes)
+}
+
+/// The metrics of an evaluation, which every score has.
+#[derive(Clone, Copy)]
+struct Names<'a>(&'a [&'static str]);
+
+impl Names<'_> {
+    /// A figure for each metric, by place and name.
+    fn each<T>(self, of: impl Fn(usize, &'static str) -> T) -> BTreeMap<String, T> {
+        self.0.iter().enumerate().map(|(i, name)| ((*name).to_owned(), of(i, *name))).collect()
+    }
+
+    /// The figures of an image as they enter means.
+    fn figures(self, metrics: &Metrics) -> impl Iterator<Item = f64> {
+        self.0.iter().map(move |name| figure(metrics, name))
+    }
+}
+
+/// A figure as it enters means.
+fn figure(metrics: &Metrics, name: &str) -> f64 {
+    bounded(name, metrics.get(name).expect("every score has the common metrics"))
+}
+
 /// Every cell at each of its NFE against a baseline whose columns start at `at`; those of the cells follow those of
 /// hold.
-fn against(cells: &[Cell<'_>], baseline: &Cell<'_>, resampled: &Resampled, at: usize) -> Vec<Versus> {
-    let count = METRICS.len();
+fn against(names: Names<'_>, cells: &[Cell<'_>], baseline: &Cell<'_>, resampled: &Resampled, at: usize) -> Vec<Versus> {
     let own = |cell: &Cell<'_>| {
         cell.scenes.values().next().and_then(|s| s.first()).map_or("", |s| s.method.as_str()).to_owned()
     };
@@ -300,38 +356,31 @@ fn against(cells: &[Cell<'_>], baseline: &Cell<'_>, resampled: &Resampled, at: u
     let mut out = Vec::new();
     for cell in cells {
         for (step, nfe) in cell.nfe.iter().enumerate() {
-            first += count;
-            let gain =
-                |(i, name): (usize, &&str)| ((*name).to_owned(), resampled.estimate(|m| m[first + i] - m[at + i]));
-            let better = |name: &&str| {
+            first += names.0.len();
+            let better = |_: usize, name: &'static str| {
                 let ahead = |(scene, scores): (&&str, &Vec<&Score>)| {
-                    let value = |score: &Score| bounded(name, score.metrics.get(name).expect("a name of METRICS"));
+                    let value = |score: &Score| figure(&score.metrics, name);
                     let (ours, theirs) = (value(scores[step]), value(baseline.scenes[scene][0]));
                     if higher_is_better(name) { ours > theirs } else { ours < theirs }
                 };
-                let wins = cell.scenes.iter().filter(|of| ahead(*of)).count();
-                ((*name).to_owned(), wins as f64 / cell.scenes.len() as f64)
+                cell.scenes.iter().filter(|of| ahead(*of)).count() as f64 / cell.scenes.len() as f64
             };
             out.push(Versus {
                 cell: coordinates(cell.key),
                 nfe: *nfe,
                 baseline: coordinates(baseline.key),
                 method: own(baseline),
-                gain: METRICS.iter().enumerate().map(gain).collect(),
-                better: METRICS.iter().map(better).collect(),
+                gain: names.each(|i, _| resampled.estimate(|m| m[first + i] - m[at + i])),
+                better: names.each(better),
             });
         }
     }
     out
 }
 
-/// The figures of an image as they enter means.
-fn figures(metrics: &Metrics) -> impl Iterator<Item = f64> {
-    METRICS.iter().map(|name| bounded(name, metrics.get(name).expect("a name of METRICS")))
-}
-
 /// Columns: hold's metrics, then those of each cell at each NFE.
 fn resample<'a>(
+    names: Names<'_>,
     hold: &'a Cell<'a>,
     cells: impl Iterator<Item = &'a Cell<'a>> + Clone,
     groups: &Groups,
@@ -339,22 +388,20 @@ fn resample<'a>(
     seed: u64,
 ) -> Result<Resampled, KindError> {
     let images = 1 + cells.clone().map(|c| c.nfe.len()).sum::<usize>();
-    let mut table = Table::new(images * METRICS.len());
+    let mut table = Table::new(images * names.0.len());
     for scene in hold.scenes.keys() {
         let of = std::iter::once(hold).chain(cells.clone()).flat_map(|cell| &cell.scenes[scene]);
-        let row: Vec<f64> = of.flat_map(|score| figures(&score.metrics)).collect();
+        let row: Vec<f64> = of.flat_map(|score| names.figures(&score.metrics)).collect();
         table.push(groups.of(scene)?, &row);
     }
     Resampled::new(&table, resamples as usize, seed).ok_or_else(|| input("`hold` has no scenes".into()))
 }
 
 /// The table of a cell whose columns start at `at`; those of hold start at 0.
-fn method(cell: &Cell<'_>, resampled: &Resampled, at: usize) -> MethodTable {
-    let count = METRICS.len();
-    let by_metric = |of: &dyn Fn(usize) -> Estimate| -> BTreeMap<String, Estimate> {
-        METRICS.iter().enumerate().map(|(i, name)| ((*name).to_owned(), of(i))).collect()
-    };
-    let strata = strata(cell);
+fn method(names: Names<'_>, cell: &Cell<'_>, resampled: &Resampled, at: usize) -> MethodTable {
+    let count = names.0.len();
+    let by_metric = |of: &dyn Fn(usize) -> Estimate| names.each(|i, _| of(i));
+    let strata = strata(names, cell);
     let tables = cell.nfe.iter().enumerate().map(|(step, nfe)| {
         let first = at + step * count;
         NfeTable {
@@ -389,19 +436,17 @@ fn method(cell: &Cell<'_>, resampled: &Resampled, at: usize) -> MethodTable {
 }
 
 /// For each NFE, the mean over the scenes of each stratum.
-fn strata(cell: &Cell<'_>) -> Vec<BTreeMap<String, BTreeMap<String, f64>>> {
+fn strata(names: Names<'_>, cell: &Cell<'_>) -> Vec<BTreeMap<String, BTreeMap<String, f64>>> {
     let mut groups: BTreeMap<String, Vec<&Vec<&Score>>> = BTreeMap::new();
     for (scene, scores) in &cell.scenes {
         groups.entry(stratum(scene)).or_default().push(scores);
     }
     let mean = |scenes: &[&Vec<&Score>], step: usize, name: &str| {
-        let value = |s: &&Vec<&Score>| bounded(name, s[step].metrics.get(name).expect("a name of METRICS"));
+        let value = |s: &&Vec<&Score>| figure(&s[step].metrics, name);
         scenes.iter().map(value).sum::<f64>() / scenes.len() as f64
     };
     let of_step = |step: usize| {
-        let of_group = |scenes: &[&Vec<&Score>]| {
-            METRICS.iter().map(|name| ((*name).to_owned(), mean(scenes, step, name))).collect()
-        };
+        let of_group = |scenes: &[&Vec<&Score>]| names.each(|_, name| mean(scenes, step, name));
         groups.iter().map(|(stratum, scenes)| (stratum.clone(), of_group(scenes))).collect()
     };
     (0..cell.nfe.len()).map(of_step).collect()

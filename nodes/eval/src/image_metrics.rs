@@ -2,12 +2,14 @@
 
 use crate::{
     metrics::{MetricError, Reference},
+    request::{self, OnRequest, SCALES},
     ssim::LEAST_SIDE,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, Context, Each, Facts, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
+    Action, Context, Each, Facts, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
+    Outputs, ParamProblem,
 };
 use tauflow_data::{
     Image,
@@ -26,11 +28,16 @@ pub struct ImageMetricsParams {
     /// Sample count of the rung to score if `images` is not connected.
     #[schemars(range(min = 1))]
     pub from: u64,
+    /// Metrics to compute beside those that every score has: `ms_ssim`, `flip`, `hdr_flip`.
+    pub also: Vec<OnRequest>,
+    /// Number of scales of `ms_ssim`; the published 5 need images of at least 161 x 161 pixels.
+    #[schemars(range(min = 1, max = 5))]
+    pub ms_ssim_scales: u64,
 }
 
 impl Default for ImageMetricsParams {
     fn default() -> Self {
-        Self { from: 1 }
+        Self { from: 1, also: Vec::new(), ms_ssim_scales: SCALES }
     }
 }
 
@@ -47,7 +54,7 @@ impl Kind for ImageMetrics {
     fn spec() -> KindSpec {
         KindSpec {
             name: "image_metrics",
-            summary: "Compares images with references: PSNR, MAE, SSIM.",
+            summary: "Compares images with references: PSNR, MAE, SSIM, FLIP.",
             manual: include_str!("image_metrics.md"),
             mode: Mode::Map,
             inputs: vec![IMAGES.port(), REFERENCES.port()],
@@ -56,11 +63,21 @@ impl Kind for ImageMetrics {
         }
     }
 
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        request::check(&params.also, params.ms_ssim_scales)
+    }
+
+    fn later() -> &'static [Later] {
+        request::LATER
+    }
+
     fn foresee(params: &Self::Params, known: &Known) -> Outlook {
         let references = known.each(REFERENCES);
-        let mut problems: Vec<Foreseen> = facts::least_film(REFERENCES, &references, LEAST_SIDE).into_iter().collect();
+        let mut problems: Vec<Foreseen> =
+            facts::least_film(REFERENCES, &references, LEAST_SIDE, "SSIM").into_iter().collect();
         let last = references.facts.get(RUNGS).and_then(|rungs| rungs.last().copied());
-        let scores = Facts::default().with_some(REFERENCE_SPP, last);
+        problems.extend(request::too_few_pixels(REFERENCES, &references, &params.also, params.ms_ssim_scales));
+        let scores = request::known(Facts::default().with_some(REFERENCE_SPP, last), &params.also);
         let scores = if known.has(IMAGES.name()) {
             let images = known.each(IMAGES);
             problems.extend(facts::same_film(REFERENCES, &references, &images));
@@ -78,8 +95,9 @@ impl Kind for ImageMetrics {
         let (Some(reference_spp), Some(last)) = (scene.counts.last().copied(), scene.states.last()) else {
             return Err(KindError::Input(format!("`{item}` has no rung to be its reference")));
         };
+        let more = request::more(&action.params.also, action.params.ms_ssim_scales);
         let reference =
-            Reference::new(last).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
+            Reference::with(last, more).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
         let Refined { images, note } = match action.read_if(ctx, IMAGES)? {
             Some(refined) => refined,
             None => Refined { images: vec![own_rung(&scene, action.params.from)?], note: None },

@@ -1,11 +1,16 @@
 #![doc = include_str!("ladder_metrics.md")]
 
-use crate::{image_metrics::not_comparable, metrics::Reference, ssim::LEAST_SIDE};
+use crate::{
+    image_metrics::not_comparable,
+    metrics::Reference,
+    request::{self, OnRequest, SCALES},
+    ssim::LEAST_SIDE,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, Context, Each, Facts, Foreseen, Group, Handle, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
-    Outputs,
+    Action, Context, Each, Facts, Foreseen, Group, Handle, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out,
+    Outlook, Outputs, ParamProblem,
 };
 use tauflow_data::{
     Image,
@@ -27,11 +32,16 @@ pub struct LadderMetricsParams {
     /// Exposed luminance of the geometric mean of the reference; unused if `exposure` is connected.
     #[schemars(range(min = 1e-6, max = 1e6))]
     pub key: f64,
+    /// Metrics to compute beside those that every score has: `ms_ssim`, `flip`, `hdr_flip`.
+    pub also: Vec<OnRequest>,
+    /// Number of scales of `ms_ssim`; the published 5 need images of at least 161 x 161 pixels.
+    #[schemars(range(min = 1, max = 5))]
+    pub ms_ssim_scales: u64,
 }
 
 impl Default for LadderMetricsParams {
     fn default() -> Self {
-        Self { rungs: Vec::new(), key: KEY }
+        Self { rungs: Vec::new(), key: KEY, also: Vec::new(), ms_ssim_scales: SCALES }
     }
 }
 
@@ -57,16 +67,26 @@ impl Kind for LadderMetrics {
         }
     }
 
+    fn check(params: &Self::Params) -> Vec<ParamProblem> {
+        request::check(&params.also, params.ms_ssim_scales)
+    }
+
+    fn later() -> &'static [Later] {
+        request::LATER
+    }
+
     fn foresee(params: &Self::Params, known: &Known) -> Outlook {
         let (ladders, references) = (known.each(LADDERS), known.each(REFERENCES));
         let mut problems: Vec<Foreseen> = Vec::new();
         problems.extend(facts::same_film(REFERENCES, &references, &ladders));
-        problems.extend(facts::least_film(REFERENCES, &references, LEAST_SIDE));
+        problems.extend(facts::least_film(REFERENCES, &references, LEAST_SIDE, "SSIM"));
+        problems.extend(request::too_few_pixels(REFERENCES, &references, &params.also, params.ms_ssim_scales));
         let named = params.rungs.iter().enumerate();
         problems.extend(named.filter_map(|(at, rung)| facts::rung(&ladders, *rung, &format!("/rungs/{at}"))));
         let scored = if params.rungs.is_empty() { ladders.facts.get(RUNGS) } else { Some(params.rungs.clone()) };
         let last = references.facts.get(RUNGS).and_then(|rungs| rungs.last().copied());
         let scores = Facts::default().with_some(REFERENCE_SPP, last).with_some(SPP, scored).with(NFE, vec![0]);
+        let scores = request::known(scores, &params.also);
         Outlook::default().with(METRICS, scores).but(problems)
     }
 
@@ -79,8 +99,9 @@ impl Kind for LadderMetrics {
         };
         let exposed = |image: &Image| image.map(|value| (f64::from(value) * exposure) as f32);
         let reference = exposed(&reference);
-        let reference =
-            Reference::new(&reference).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
+        let more = request::more(&action.params.also, action.params.ms_ssim_scales);
+        let reference = Reference::with(&reference, more)
+            .map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
         let ladder = action.handle(LADDERS)?;
         let counts = Ladder::meta(ctx, ladder)?.counts;
         let chosen = if action.params.rungs.is_empty() { &counts } else { &action.params.rungs };

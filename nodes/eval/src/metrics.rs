@@ -1,10 +1,14 @@
-//! Errors of an image against its reference: PSNR and MAE of linear radiance and of previews, and SSIM.
+//! Errors of an image against its reference: PSNR and MAE of linear radiance and of previews, and SSIM; on request
+//! MS-SSIM, FLIP and HDR-FLIP.
 //!
 //! Images are exposed linear radiance. Knows no scene, method or file. Sources: SSIM of Wang, Bovik, Sheikh and
 //! Simoncelli 2004 with its Gaussian window. The display transform is [`tauflow_data::image::preview`]. Sums are
 //! f64, in row order, so that results are the same bits everywhere.
 
-use crate::ssim::{Moments, RADIUS, ssim};
+use crate::{
+    flip::{self, Seen},
+    ssim::{Moments, RADIUS, least_side, ms_ssim, scales_that_fit, ssim},
+};
 use tauflow_data::{Image, image::preview, maths::log10, records::Metrics};
 
 /// An image that cannot be compared with its reference.
@@ -31,6 +35,15 @@ pub enum MetricError {
         /// Rows.
         height: usize,
     },
+    /// The image is too small for the scales of MS-SSIM, with the remedy.
+    #[error("{0}")]
+    FewPixels(String),
+    /// FLIP compares colours.
+    #[error("FLIP needs images of 3 channels, but this one has {channels}; remove `flip` and `hdr_flip` from `also`")]
+    NoColours {
+        /// Channels of the image.
+        channels: usize,
+    },
     /// Not every value is a number.
     #[error(
         "{count} of the {of} values are not finite, so no error can be computed; check the node that produced the image"
@@ -41,6 +54,27 @@ pub enum MetricError {
         /// The total number.
         of: usize,
     },
+}
+
+/// Why MS-SSIM of so many scales cannot be computed, and what to do.
+pub(crate) fn too_small(width: usize, height: usize, scales: usize) -> String {
+    let (side, fit) = (least_side(scales), scales_that_fit(width, height));
+    let remedy = if fit == 0 { String::new() } else { format!("set `ms_ssim_scales: {fit}`, or ") };
+    format!(
+        "MS-SSIM of {scales} scales needs images of at least {side} x {side} pixels, but this one has {width} x \
+         {height}; {remedy}increase the resolution"
+    )
+}
+
+/// The metrics beyond those that every score has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct More {
+    /// MS-SSIM, with this number of scales from 1 to 5.
+    pub ms_ssim: Option<usize>,
+    /// FLIP.
+    pub flip: bool,
+    /// HDR-FLIP.
+    pub hdr_flip: bool,
 }
 
 /// Peak signal-to-noise ratio in dB of a mean squared error; infinite if there is no error.
@@ -105,16 +139,34 @@ pub struct Reference<'a> {
     preview: Image,
     moments: Vec<Moments>,
     peak: f64,
+    ms_ssim: Option<usize>,
+    seen: Option<Seen>,
+    exposures: Option<Vec<f64>>,
 }
 
 impl<'a> Reference<'a> {
-    /// Prepares a reference.
+    /// Prepares a reference for the metrics that every score has.
     ///
     /// # Errors
     /// If it is smaller than SSIM's window or holds a value that is not finite.
     pub fn new(image: &'a Image) -> Result<Self, MetricError> {
+        Self::with(image, More::default())
+    }
+
+    /// Prepares a reference for these and more metrics.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; and if it is too small for the scales of MS-SSIM or has no colours for FLIP.
+    pub fn with(image: &'a Image, more: More) -> Result<Self, MetricError> {
+        let (width, height) = (image.width(), image.height());
         if image.width() <= 2 * RADIUS || image.height() <= 2 * RADIUS {
-            return Err(MetricError::Small { width: image.width(), height: image.height() });
+            return Err(MetricError::Small { width, height });
+        }
+        if let Some(scales) = more.ms_ssim.filter(|scales| scales_that_fit(width, height) < *scales) {
+            return Err(MetricError::FewPixels(too_small(width, height, scales)));
+        }
+        if (more.flip || more.hdr_flip) && image.channels() != 3 {
+            return Err(MetricError::NoColours { channels: image.channels() });
         }
         finite(image)?;
         let preview = image.map(preview);
@@ -122,10 +174,12 @@ impl<'a> Reference<'a> {
         let largest = image.data().iter().fold(0.0f32, |a, b| a.max(*b));
         // A black reference has no maximum to be a peak.
         let peak = if largest > 0.0 { f64::from(largest) } else { 1.0 };
-        Ok(Self { image, preview, moments, peak })
+        let seen = more.flip.then(|| flip::seen(&preview));
+        let exposures = more.hdr_flip.then(|| flip::exposures(image));
+        Ok(Self { image, preview, moments, peak, ms_ssim: more.ms_ssim, seen, exposures })
     }
 
-    /// All metrics of an image.
+    /// The metrics of an image.
     ///
     /// # Errors
     /// If it has another size than the reference or holds a value that is not finite.
@@ -141,6 +195,10 @@ impl<'a> Reference<'a> {
             preview_psnr: psnr(preview_mse, 1.0),
             preview_mae,
             ssim: self.ssim(&shown),
+            ms_ssim: self.ms_ssim.map(|scales| ms_ssim(&shown, &self.preview, scales)),
+            flip: self.seen.as_ref().map(|seen| flip::flip(&flip::seen(&shown), seen)),
+            hdr_flip: self.exposures.as_ref().map(|stops| flip::hdr_flip(image, self.image, stops)),
+            lpips: None,
         })
     }
 
@@ -151,7 +209,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// All metrics of an image against a reference; [`Reference`] is quicker for several images.
+/// The metrics that every score has, of an image against a reference; [`Reference`] is quicker for several images.
 ///
 /// # Errors
 /// As [`Reference::new`] and [`Reference::metrics`].
@@ -162,7 +220,16 @@ pub fn metrics(image: &Image, reference: &Image) -> Result<Metrics, MetricError>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tauflow_data::{records::METRICS, rng::Stream};
+    use tauflow_data::{
+        records::{BASIC, METRICS, higher_is_better},
+        rng::Stream,
+    };
+
+    const ALL: More = More { ms_ssim: Some(2), flip: true, hdr_flip: true };
+
+    fn all(image: &Image, reference: &Image) -> Metrics {
+        Reference::with(reference, ALL).and_then(|of| of.metrics(image)).expect("alike")
+    }
 
     fn noise(seed: u64, width: usize, height: usize) -> Image {
         let mut stream = Stream::new(seed, &[]);
@@ -212,7 +279,7 @@ mod tests {
         assert_eq!((m.hdr_mae, m.preview_mae), (0.0, 0.0));
         assert!((m.ssim - 1.0).abs() < 1e-12);
         let (ab, ba) = (metrics(&a, &b).expect("alike"), metrics(&b, &a).expect("alike"));
-        for name in METRICS.iter().filter(|n| **n != "hdr_psnr_max") {
+        for name in BASIC.iter().filter(|n| **n != "hdr_psnr_max") {
             let (x, y) = (ab.get(name).expect("known"), ba.get(name).expect("known"));
             assert!((x - y).abs() <= 1e-12 * x.abs(), "{name}: {x} {y}");
         }
@@ -225,16 +292,40 @@ mod tests {
         let off = noise(4, 24, 24);
         let mixed = |share: f32| {
             let data = reference.data().iter().zip(off.data()).map(|(r, o)| r + share * (o - 1.5)).collect();
-            metrics(&Image::from_data(24, 24, 3, data).expect("fits"), &reference).expect("alike")
+            all(&Image::from_data(24, 24, 3, data).expect("fits"), &reference)
         };
         let (less, more) = (mixed(0.05), mixed(0.2));
-        for name in METRICS {
+        for name in METRICS.into_iter().filter(|name| *name != "lpips") {
             let (a, b) = (less.get(name).expect("known"), more.get(name).expect("known"));
-            let better = if tauflow_data::records::higher_is_better(name) { a > b } else { a < b };
+            let better = if higher_is_better(name) { a > b } else { a < b };
             assert!(better, "{name}: {a} {b}");
         }
         // Four times the error: 20 log10 4 dB, up to the values that were clipped at 0.
         assert!((less.hdr_psnr - more.hdr_psnr - 12.04).abs() < 0.6);
+    }
+
+    #[test]
+    fn more_metrics_are_computed_on_request_and_change_no_other() {
+        let (a, b) = (noise(1, 31, 21), noise(2, 31, 21));
+        let (plain, more) = (metrics(&a, &b).expect("alike"), all(&a, &b));
+        assert_eq!(plain, Metrics { ms_ssim: None, flip: None, hdr_flip: None, ..more });
+        assert!([more.ms_ssim, more.flip, more.hdr_flip].iter().all(|v| v.is_some_and(|v| (0.0..=1.0).contains(&v))));
+        let same = all(&a, &a);
+        assert!((same.ms_ssim.expect("computed") - 1.0).abs() < 1e-12);
+        assert_eq!((same.flip, same.hdr_flip), (Some(0.0), Some(0.0)));
+    }
+
+    #[test]
+    fn more_metrics_say_what_they_need() {
+        let image = noise(1, 64, 50);
+        let refused = |image: &Image, more| Reference::with(image, more).expect_err("refused").to_string();
+        let told = refused(&image, More { ms_ssim: Some(5), ..More::default() });
+        assert!(
+            told.contains("161 x 161") && told.contains("64 x 50") && told.contains("`ms_ssim_scales: 3`"),
+            "{told}"
+        );
+        let grey = Image::new(16, 16, 1);
+        assert!(refused(&grey, More { flip: true, ..More::default() }).contains("3 channels"));
     }
 
     #[test]

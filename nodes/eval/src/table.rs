@@ -136,7 +136,9 @@ impl Kind for TableKind {
     }
 
     fn foresee(params: &Self::Params, known: &Known) -> Outlook {
-        Outlook::default().but(foreseen::foreseen(known.all(SCORES), params))
+        let scores = known.all(SCORES);
+        let metrics = foreseen::absent_metrics(scores, &params.metrics);
+        Outlook::default().but(foreseen::foreseen(scores, params).into_iter().chain(metrics))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {

@@ -69,7 +69,7 @@ impl Kind for TimeErrorKind {
         let (references, ladders) = (known.all(REFERENCES), known.all(LADDERS));
         let mut problems: Vec<Foreseen> = Vec::new();
         if let [reference] = references {
-            problems.extend(facts::least_film(REFERENCES, reference, LEAST_SIDE));
+            problems.extend(facts::least_film(REFERENCES, reference, LEAST_SIDE, "SSIM"));
             problems.extend(ladders.iter().find_map(|of| facts::same_film(LADDERS, of, reference)));
             problems.extend(known.all(REFINED).iter().find_map(|of| facts::same_film(REFINED, of, reference)));
             problems.extend(known.all(SAMPLED).iter().find_map(|of| facts::same_film(SAMPLED, of, reference)));

@@ -8,7 +8,7 @@ use tauflow_contract::{Action, Collection, Context, Handle, ItemKey, Kind, KindE
 use tauflow_data::{
     Stratum,
     methods::{HOLD, OIDN, Parameterization},
-    records::{Evaluation, METRICS, Metrics, SceneGroup, SceneScores, Score, SplitReport},
+    records::{BASIC, Evaluation, Metrics, SceneGroup, SceneScores, Score, SplitReport},
     scene::Side,
 };
 use tauflow_eval::{EvaluationKind, EvaluationParams, PSNR_CEILING, kinds};
@@ -24,6 +24,7 @@ fn metrics(psnr: f64) -> Metrics {
         preview_psnr: psnr + 1.0,
         preview_mae: 0.05,
         ssim: 0.5,
+        ..Metrics::default()
     }
 }
 
@@ -162,7 +163,7 @@ fn means_gains_curves_and_strata() {
     assert_eq!(e.per_scene.len(), 12 + 2 * 12 * 5);
     let mean_base = scenes().iter().map(|(_, i)| base(*i)).sum::<f64>() / 12.0;
     near(e.hold["hdr_psnr"].mean, mean_base);
-    assert_eq!(e.hold.len(), METRICS.len());
+    assert_eq!(e.hold.len(), BASIC.len());
 
     let rgb = e.methods.iter().find(|m| m.conditioning == "rgb").expect("the cell");
     assert_eq!((rgb.method.as_str(), rgb.space.as_str(), rgb.cell.len()), ("mc_noise", "", 2));
@@ -312,4 +313,41 @@ fn views_of_one_content_do_not_make_intervals_narrower() {
     views.split_of(3);
     let refused = views.refusal();
     assert!(refused.contains("`split` does not have the scene"), "{refused}");
+}
+
+#[test]
+fn metrics_on_request_are_summed_up_where_all_scores_have_them() {
+    let flip = |of: &mut Collection, bench: &MemoryBlobs, value: f64| {
+        let stop = AtomicBool::new(false);
+        let ctx = Context::new(bench, &Silent, &stop);
+        let changed: Collection = of
+            .items
+            .iter()
+            .map(|(key, artifact)| {
+                let mut scores = SceneScores::load(&ctx, artifact).expect("own scores");
+                scores.scores.iter_mut().for_each(|score| score.metrics.flip = Some(value));
+                (key.clone(), scores.store(&ctx).expect("in memory").into_artifact())
+            })
+            .collect();
+        *of = changed;
+    };
+    let mut bench = Bench::new();
+    flip(&mut bench.hold, &bench.blobs, 0.5);
+    let partial = bench.run(1).expect("an evaluation");
+    assert!(!partial.hold.contains_key("flip"));
+    assert!(
+        partial.notes[0].contains("`flip`") && partial.notes[0].contains("parameterization="),
+        "{:?}",
+        partial.notes
+    );
+    flip(&mut bench.scores, &bench.blobs, 0.125);
+    let whole = bench.run(1).expect("an evaluation");
+    assert!(whole.notes.is_empty(), "{:?}", whole.notes);
+    assert_eq!(whole.hold.len(), BASIC.len() + 1);
+    let method = &whole.methods[0];
+    assert_eq!((method.at[0].metrics["flip"].mean, method.at[0].gain["flip"].mean), (0.125, -0.375));
+    assert_eq!((method.auc["flip"].mean, method.tv["flip"].mean), (0.125, 0.0));
+    // No other figure changes.
+    assert_eq!(method.at[0].metrics["hdr_psnr"], partial.methods[0].at[0].metrics["hdr_psnr"]);
+    assert_eq!(whole.claims, partial.claims);
 }

@@ -268,6 +268,10 @@ pub fn metric_name(metric: &str) -> &str {
         "preview_psnr" => "Preview PSNR (dB)",
         "preview_mae" => "Preview MAE",
         "ssim" => "SSIM",
+        "ms_ssim" => "MS-SSIM",
+        "flip" => "FLIP",
+        "hdr_flip" => "HDR-FLIP",
+        "lpips" => "LPIPS",
         other => other,
     }
 }

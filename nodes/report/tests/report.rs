@@ -11,7 +11,7 @@ use std::{
 use tauflow_contract::{Collection, Context, FileTree, Handle, ItemKey, Media, MemoryBlobs, Silent};
 use tauflow_data::{
     Image,
-    records::{Evaluation, Ladder, METRICS, Rung, ScoreTable, higher_is_better},
+    records::{BASIC, Evaluation, Ladder, METRICS, Rung, ScoreTable, higher_is_better},
 };
 use tauflow_report::ReportParams;
 
@@ -113,7 +113,13 @@ fn the_page_stands_alone_and_is_well_formed() {
         let start = html.find(&format!("<section id=\"{id}\"")).expect("there");
         &html[start..start + html[start..].find("</section>").expect("it ends")]
     };
-    assert!(section("strata").contains("OIDN"));
+    let maps = section("strata");
+    assert!(maps.contains("OIDN"));
+    // The gain, and the values of HDR PSNR and of the metrics on request: each stratum in each.
+    assert_eq!(maps.matches("class=\"wide heat\"").count(), 2 + METRICS.len() - BASIC.len());
+    for words in ["Gain in HDR PSNR (dB)", "HDR-FLIP at NFE", "LPIPS at NFE", "HDR PSNR (dB) at NFE"] {
+        assert!(maps.contains(words), "{words}");
+    }
     let figures: Vec<&str> = section("curves").split("<figure>").skip(1).collect();
     // Each metric, and the paired gains of two.
     assert_eq!(figures.len(), 2 * (METRICS.len() + 2));
@@ -462,7 +468,7 @@ fn an_nfe_that_was_not_evaluated_is_refused() {
     assert!(error.contains("montage_nfe: 3") && error.contains("[1, 2, 9, 20, 50]"), "{error}");
     let params = ReportParams { montage_nfe: Some(9), ..ReportParams::default() };
     let html = text(&run(&blobs, params, &inputs).expect("a report"), "report.html");
-    assert!(html.contains("Gain by stratum at NFE 9"));
+    assert!(html.contains("Results by stratum at NFE 9"));
 }
 
 #[test]

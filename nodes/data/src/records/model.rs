@@ -12,6 +12,10 @@ pub struct ModelFile(pub Vec<u8>);
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterFile(pub Vec<u8>);
 
+/// The bytes of the weights of a perceptual distance, in the safetensors format.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PerceptualFile(pub Vec<u8>);
+
 /// A media type that is one safetensors file.
 macro_rules! safetensors_media {
     ($type:ident, $name:literal, $doc:literal) => {
@@ -40,3 +44,4 @@ macro_rules! safetensors_media {
 
 safetensors_media!(ModelFile, "tauflow/model", "A trained model: `model.safetensors`.");
 safetensors_media!(AdapterFile, "tauflow/adapter", "A transport adapter: `model.safetensors`.");
+safetensors_media!(PerceptualFile, "tauflow/perceptual", "Weights of a perceptual distance: `model.safetensors`.");

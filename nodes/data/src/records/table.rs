@@ -313,6 +313,7 @@ mod tests {
             preview_psnr: 22.0,
             preview_mae: 0.25,
             ssim: 0.75,
+            ..Metrics::default()
         };
         ScoreTable {
             title: "Two, samplers".into(),

@@ -1,4 +1,5 @@
-//! What is sure to be wrong with a table before its scores exist: axes that they lack, and axes that are left over.
+//! What is sure to be wrong with a table before its scores exist: metrics and axes that they lack, and axes that are
+//! left over.
 
 use super::{
     AgainstParams, TableParams,
@@ -7,7 +8,10 @@ use super::{
 use crate::evaluation::coordinates;
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{Fact, Foreseen, Source};
-use tauflow_data::{facts, records::AxisValue};
+use tauflow_data::{
+    facts,
+    records::{AxisValue, BASIC},
+};
 
 /// Axes that the scores are sure not to have, and axes that are sure to be left over.
 pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen> {
@@ -69,6 +73,24 @@ pub(super) fn foreseen(sources: &[Source], params: &TableParams) -> Vec<Foreseen
         }
     }
     problems
+}
+
+/// Metrics of the table that scores are sure not to have.
+pub(super) fn absent_metrics(sources: &[Source], metrics: &[String]) -> Vec<Foreseen> {
+    metrics.iter().enumerate().filter_map(|(place, name)| lacking(sources, name, place)).collect()
+}
+
+fn lacking(sources: &[Source], name: &str, place: usize) -> Option<Foreseen> {
+    let lacks = |source: &&Source| {
+        source.facts.get(facts::MORE_METRICS).is_some_and(|more| !more.iter().any(|own| own == name))
+    };
+    let source = sources.iter().filter(|_| !BASIC.contains(&name)).find(lacks)?;
+    let message = format!("`{}` does not compute the metric `{name}`", source.name);
+    let hint = match name {
+        "lpips" => format!("read the scores of a node of kind `lpips`, which adds it to those of `{}`", source.name),
+        _ => format!("add `{name}` to `also` of `{}`", source.name),
+    };
+    Some(Foreseen::param(&format!("/metrics/{place}"), message, hint))
 }
 
 /// The values on an axis over all scores, as a table shows them; none if they are not known.

@@ -3,7 +3,7 @@
 use super::{AgainstParams, TableParams};
 use crate::{
     bootstrap::{Resampled, Table},
-    evaluation::{bounded, coordinates, stratum},
+    evaluation::{bounded, common_metrics, coordinates, stratum},
     groups::Groups,
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -126,6 +126,7 @@ pub fn tabulate(
         let why = if notes.is_empty() { String::new() } else { format!(": {}", notes.join("; ")) };
         return Err(KindError::Input(format!("there are no scores to tabulate{why}")));
     }
+    let metrics = tabulated(scores, params, &mut notes)?;
     let values = values(&scored);
     let [rows, columns] = chosen(&scored, &values, params)?;
     let names: Vec<&String> = rows.iter().chain(&columns).collect();
@@ -169,18 +170,42 @@ pub fn tabulate(
     Ok(ScoreTable {
         title: params.title.clone(),
         row_axes: rows.len(),
-        metrics: params.metrics.clone(),
+        cells: estimates(&cells, stratum_axis, against.as_ref(), groups, (metrics.as_slice(), params.resamples), seed)?,
+        metrics,
         reference_spp: references.first().copied().filter(|_| references.len() == 1),
         items: items.len() as u64,
         groups: groups.count(items.iter().copied())?,
         resamples: params.resamples,
-        cells: estimates(&cells, stratum_axis, against.as_ref(), groups, params, seed)?,
         against: against.map(|(axis, value)| TableAgainst { axis: axes[axis].name.clone(), value }),
         axes,
         per_item,
         notes,
         formats: TableFormats { latex: params.latex, parquet: params.parquet },
     })
+}
+
+/// The metrics of the table that all scores have. The others are left out, with a note.
+fn tabulated(
+    scores: &[(ItemKey, SceneScores)],
+    params: &TableParams,
+    notes: &mut Vec<String>,
+) -> Result<Vec<String>, KindError> {
+    let (common, partial) = common_metrics(scores.iter());
+    let (there, absent): (Vec<String>, Vec<String>) =
+        params.metrics.iter().cloned().partition(|name| common.contains(&name.as_str()));
+    for name in &absent {
+        let quoted = format!("`{name}`");
+        match partial.iter().find(|note| note.starts_with(&quoted)) {
+            Some(why) => notes.push(why.clone()),
+            // A node that left the metric out says why.
+            None if notes.iter().any(|note| note.contains(&quoted)) => {}
+            None => notes.push(format!("{quoted}, because no score has it")),
+        }
+    }
+    if there.is_empty() {
+        return Err(KindError::Input(format!("no metric of the table can be tabulated: {}", notes.join("; "))));
+    }
+    Ok(there)
 }
 
 /// A cell's place, for people.
@@ -238,10 +263,10 @@ fn estimates(
     stratum_axis: Option<usize>,
     against: Option<&(usize, AxisValue)>,
     groups: &Groups,
-    params: &TableParams,
+    (metrics, resamples): (&[String], u64),
     seed: u64,
 ) -> Result<Vec<TableCell>, KindError> {
-    let count = params.metrics.len();
+    let count = metrics.len();
     let stratum = |at: &[AxisValue]| stratum_axis.map(|axis| at[axis].to_string()).unwrap_or_default();
     let strata: BTreeSet<String> = cells.iter().map(|(at, _)| stratum(at)).collect();
     let mut out: Vec<Option<TableCell>> = vec![None; cells.len()];
@@ -252,18 +277,18 @@ fn estimates(
             let row: Vec<f64> = own
                 .iter()
                 .flat_map(|cell| {
-                    let metrics = cells[*cell].1[item];
-                    params.metrics.iter().map(|name| bounded(name, metrics.get(name).expect("`check` knows the names")))
+                    let of = cells[*cell].1[item];
+                    metrics.iter().map(|name| bounded(name, of.get(name).expect("every score has the metrics")))
                 })
                 .collect();
             table.push(groups.of(item)?, &row);
         }
-        let resampled = Resampled::new(&table, params.resamples as usize, seed).expect("a cell has an item");
+        let resampled = Resampled::new(&table, resamples as usize, seed).expect("a cell has an item");
         for (place, cell) in own.iter().enumerate() {
             let at = &cells[*cell].0;
             let by_metric = |of: &dyn Fn(&[f64], usize) -> f64| {
                 let one = |(i, name): (usize, &String)| (name.clone(), resampled.estimate(|means| of(means, i)));
-                params.metrics.iter().enumerate().map(one).collect()
+                metrics.iter().enumerate().map(one).collect()
             };
             let base = against.filter(|(axis, value)| at[*axis] != *value).and_then(|(axis, value)| {
                 own.iter().position(|other| {

@@ -6,7 +6,15 @@ use tauflow_contract::{ItemKey, Kind};
 use tauflow_data::records::{AxisValue, Metrics, SceneScores, Score, ScoreTable, TableCell};
 
 fn metrics(psnr: f64) -> Metrics {
-    Metrics { hdr_psnr: psnr, hdr_psnr_max: psnr, hdr_mae: 1.0 / psnr, preview_psnr: psnr, preview_mae: 0.1, ssim: 0.5 }
+    Metrics {
+        hdr_psnr: psnr,
+        hdr_psnr_max: psnr,
+        hdr_mae: 1.0 / psnr,
+        preview_psnr: psnr,
+        preview_mae: 0.1,
+        ssim: 0.5,
+        ..Metrics::default()
+    }
 }
 
 fn scores(key: &str, of: &[(u64, f64)]) -> (ItemKey, SceneScores) {
@@ -138,4 +146,34 @@ fn a_node_without_an_axis_stands_beside_those_that_have_it() {
     let table = made(&all, &TableParams { columns: vec!["spp".into()], ..TableParams::default() });
     assert_eq!(table.row_heads().len(), 3);
     assert_eq!(at(&table, &["oidn", "", "4"]).metrics["hdr_psnr"].mean, 30.0);
+}
+
+#[test]
+fn a_metric_that_scores_lack_is_left_out_with_a_note() {
+    let with_flip = |only: Option<&str>| {
+        let mut all = samplers();
+        for (key, of) in &mut all {
+            if only.is_none_or(|part| key.as_str().contains(part)) {
+                of.scores.iter_mut().for_each(|score| score.metrics.flip = Some(0.25));
+            }
+        }
+        all
+    };
+    let params = |names: &[&str]| TableParams {
+        metrics: names.iter().map(|name| (*name).to_owned()).collect(),
+        columns: vec!["spp".into()],
+        ..TableParams::default()
+    };
+    let table = made(&with_flip(None), &params(&["flip", "hdr_psnr"]));
+    assert_eq!((table.metrics.len(), table.notes.len()), (2, 0));
+    assert_eq!(at(&table, &["sobol", "4"]).metrics["flip"].mean, 0.25);
+    // Some scores have it, none has it, and a node that left it out said why.
+    let table = made(&with_flip(Some("sobol")), &params(&["flip", "hdr_psnr"]));
+    assert_eq!(table.metrics, ["hdr_psnr"]);
+    assert!(table.notes[0].contains("`flip`") && table.notes[0].contains("sampler=independent/"), "{:?}", table.notes);
+    let mut all = samplers();
+    assert_eq!(made(&all, &params(&["hdr_psnr", "lpips"])).notes, ["`lpips`, because no score has it"]);
+    all[0].1.note = Some("`lpips`, because there are no weights".into());
+    assert_eq!(made(&all, &params(&["hdr_psnr", "lpips"])).notes, ["`lpips`, because there are no weights"]);
+    assert!(refused(&all, &params(&["lpips"])).contains("no metric of the table can be tabulated"));
 }

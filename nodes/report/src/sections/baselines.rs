@@ -19,8 +19,8 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
         return None;
     }
     let mut out = String::new();
-    let metrics = METRICS.iter().filter(|m| ["hdr_psnr", "preview_psnr", "ssim", "hdr_mae"].contains(*m));
-    let metrics: Vec<&str> = metrics.copied().collect();
+    let shown = |m: &&str| !["hdr_psnr_max", "preview_mae"].contains(m) && evaluation.hold.contains_key(*m);
+    let metrics: Vec<&str> = METRICS.into_iter().filter(shown).collect();
     let _ = write!(
         out,
         "<p>The solver's score minus the baseline's, paired by scene, with 95% intervals over {} scenes and the share \

@@ -3,10 +3,32 @@
 use crate::{page::Section, sections::resampled};
 use tauflow_data::records::Evaluation;
 
+/// Metrics that were computed on request.
+const REQUESTED: [(&str, &str, &str); 4] = [
+    (
+        "ms_ssim",
+        "MS-SSIM",
+        "SSIM of previews over several scales, each half as fine as the last, with the published weights; fewer than \
+        five scales have their weights divided by the sum",
+    ),
+    (
+        "flip",
+        "FLIP",
+        "of previews as sRGB images at 67 pixels per degree, mean over pixels; 0 is equal, lower is better",
+    ),
+    (
+        "hdr_flip",
+        "HDR-FLIP",
+        "per pixel the largest FLIP of exposed radiance over exposures between the reference's maximum and median, \
+        shown by the ACES curve; mean over pixels",
+    ),
+    ("lpips", "LPIPS", "version 0.1 with AlexNet, of previews mapped to [−1, 1]; lower is better"),
+];
+
 /// The section.
 pub fn section(evaluation: &Evaluation) -> Section {
     let (from, last) = (evaluation.from_spp, evaluation.reference_spp);
-    let entries = [
+    let mut entries = vec![
         (
             "Radiance",
             "linear, multiplied by one exposure factor per scene for all rungs; negative values are set to 0; no \
@@ -32,6 +54,10 @@ pub fn section(evaluation: &Evaluation) -> Section {
             windows"
                 .to_owned(),
         ),
+    ];
+    let requested = REQUESTED.iter().filter(|(metric, ..)| evaluation.hold.contains_key(*metric));
+    entries.extend(requested.map(|(_, term, text)| (*term, (*text).to_owned())));
+    entries.extend([
         ("Hold", format!("the unchanged input with {from} spp, without a network call")),
         (
             "NFE",
@@ -60,7 +86,7 @@ pub fn section(evaluation: &Evaluation) -> Section {
             and intervals; the values per scene are inf in CSV and null in JSON"
                 .to_owned(),
         ),
-    ];
+    ]);
     let rows: String = entries.iter().map(|(term, text)| format!("<dt>{term}</dt><dd>{text}</dd>")).collect();
     Section::new("conventions", "Conventions", format!("<dl>{rows}</dl>"))
 }

@@ -33,7 +33,7 @@ pub fn section(tables: &[(String, ScoreTable)]) -> Option<Section> {
         }
         body += &tabs(&format!("score-table-{place}"), &panels);
         for note in &table.notes {
-            let _ = write!(body, "<p class=\"note\">{}</p>", escape(note));
+            let _ = write!(body, "<p class=\"note\">Omitted: {}.</p>", escape(note));
         }
     }
     Some(Section::new("score-tables", "Scores", body))

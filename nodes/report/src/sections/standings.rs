@@ -7,10 +7,16 @@ use crate::{
     text::{escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
-use tauflow_data::{methods::HOLD, records::Evaluation};
+use tauflow_data::{
+    methods::HOLD,
+    records::{BASIC, Evaluation, METRICS},
+};
 
-/// Metrics that follow the one that ranks.
-const MORE: [&str; 2] = ["preview_psnr", "ssim"];
+/// Metrics that follow the one that ranks: these two, and those that were computed on request.
+fn more(evaluation: &Evaluation) -> Vec<&'static str> {
+    let requested = METRICS.into_iter().filter(|m| !BASIC.contains(m) && evaluation.hold.contains_key(*m));
+    ["preview_psnr", "ssim"].into_iter().chain(requested).collect()
+}
 
 /// The section: solvers at this number of calls, baselines, and the input itself. None without scores.
 pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
@@ -33,7 +39,8 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         resampled(evaluation.groups),
         metric_name("hdr_psnr")
     );
-    for metric in MORE {
+    let more = more(evaluation);
+    for metric in &more {
         let _ = write!(out, "<th>{}</th>", metric_name(metric));
     }
     out.push_str("</tr></thead><tbody>");
@@ -55,8 +62,8 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         out += &cell(psnr.map(|psnr| fixed(psnr.mean, 2)), psnr.map(|psnr| interval(psnr, 2)));
         let gain = of.gain.and_then(|gain| gain.get("hdr_psnr"));
         out += &cell(gain.map(|gain| signed(gain.mean, 2)), gain.map(|gain| interval(gain, 2)));
-        for metric in MORE {
-            out += &cell(of.metrics.get(metric).map(|value| fixed(value.mean, digits(metric))), None);
+        for metric in &more {
+            out += &cell(of.metrics.get(*metric).map(|value| fixed(value.mean, digits(metric))), None);
         }
         out.push_str("</tr>");
     }

@@ -94,6 +94,10 @@ pub fn metrics(image: &Image, reference: &Image) -> Metrics {
         preview_psnr: -20.0 * log10(shown * 1.25),
         preview_mae: shown,
         ssim: exp(-6.0 * shown),
+        ms_ssim: Some(exp(-3.0 * shown)),
+        flip: Some(2.0 * shown),
+        hdr_flip: Some(2.5 * shown),
+        lpips: Some(shown * shown),
     }
 }
 
@@ -245,7 +249,7 @@ pub fn evaluation(per_scene: Vec<SceneRow>) -> Evaluation {
         nfe: 1,
         baseline: oidn.clone(),
         method: OIDN.into(),
-        gain: by(&|m| estimate(&[if m.ends_with("_mae") { -0.1 } else { 0.1 }, 0.0, 0.05])),
+        gain: by(&|m| estimate(&[if !higher_is_better(m) { -0.1 } else { 0.1 }, 0.0, 0.05])),
         better: METRICS.iter().map(|m| ((*m).to_owned(), 0.625)).collect(),
     };
     Evaluation {

@@ -1,7 +1,7 @@
 //! A score table as CSV (RFC 4180): a column for each axis, then one row for each cell and metric.
 
 use super::{AxisValue, Estimate, ScoreTable};
-use crate::{records::METRICS, tabular::csv_field};
+use crate::{records::computed, tabular::csv_field};
 use std::fmt::Write as _;
 
 fn axes(table: &ScoreTable) -> String {
@@ -28,14 +28,15 @@ pub fn cells(table: &ScoreTable) -> String {
     out
 }
 
-/// Every score: one row for each item and cell, one column for each metric. An infinite PSNR is `inf`. A stratum that
-/// is an axis has one column.
+/// Every score: one row for each item and cell, one column for each metric that a score has. An infinite PSNR is `inf`.
+/// A stratum that is an axis has one column.
 pub fn items(table: &ScoreTable) -> String {
     let own = table.own_stratum();
-    let mut out = format!("item,{}{}{}\n", if own { "stratum," } else { "" }, axes(table), METRICS.join(","));
+    let metrics = computed(table.per_item.iter().map(|row| &row.metrics));
+    let mut out = format!("item,{}{}{}\n", if own { "stratum," } else { "" }, axes(table), metrics.join(","));
     for row in &table.per_item {
         let scores: Vec<String> =
-            METRICS.iter().map(|name| row.metrics.get(name).map_or_else(String::new, |v| v.to_string())).collect();
+            metrics.iter().map(|name| row.metrics.get(name).map_or_else(String::new, |v| v.to_string())).collect();
         let _ = writeln!(
             out,
             "{},{}{}{}",
@@ -62,6 +63,19 @@ mod tests {
         assert_eq!(lines[3], "sobol,4,hdr_psnr,2,22.5,21.5,23.5,2.5,1.5,3.5");
         let text = items(&table);
         assert_eq!(text.lines().nth(1), Some("L0-open-000001,L0-open,sobol,4,20,21,0.5,22,0.25,0.75"));
+    }
+
+    #[test]
+    fn a_metric_that_some_scores_have_is_a_column() {
+        let mut table = super::super::tests::table();
+        let mut other = table.per_item[0].clone();
+        other.item = "L0-open-000002".into();
+        other.metrics.hdr_flip = Some(0.125);
+        table.per_item.push(other);
+        let text = items(&table);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].ends_with(",ssim,hdr_flip"), "{text}");
+        assert!(lines[1].ends_with(",0.75,") && lines[2].ends_with(",0.75,0.125"), "{text}");
     }
 
     #[test]

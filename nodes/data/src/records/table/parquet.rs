@@ -5,7 +5,7 @@
 //! Apache Parquet, format version 2 (<https://parquet.apache.org/docs/file-format/>).
 
 use super::{AxisType, AxisValue, Estimate, ScoreTable, TableAxis};
-use crate::records::METRICS;
+use crate::records::computed;
 use parquet::{
     basic::{LogicalType, Repetition, Type as Physical},
     data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type},
@@ -144,7 +144,8 @@ pub fn items(table: &ScoreTable) -> Result<Vec<u8>, KindError> {
     }
     let axes = table.axes.iter().enumerate();
     columns.extend(axes.map(|(place, axis)| Column::axis(axis, rows().map(|row| &row.at[place]))));
-    columns.extend(METRICS.map(|name| Column::numbers(name, rows().map(|row| row.metrics.get(name)))));
+    let metrics = computed(rows().map(|row| &row.metrics));
+    columns.extend(metrics.iter().map(|name| Column::numbers(name, rows().map(|row| row.metrics.get(name)))));
     file(columns)
 }
 
