@@ -299,7 +299,8 @@ fn layers<R: Read + Seek>(
                     if !(0..image.height() as i64).contains(&y) {
                         continue;
                     }
-                    for (x, value) in (first..).zip(&row).filter(|(x, _)| (0..image.width() as i64).contains(x)) {
+                    let width = image.width() as i64;
+                    for (x, value) in (first..).zip(&row).filter(|(x, _)| (0..width).contains(x)) {
                         image.pixel_mut(x as usize, y as usize)[*place] = *value;
                     }
                 }
