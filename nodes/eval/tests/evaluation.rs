@@ -346,7 +346,8 @@ fn metrics_on_request_are_summed_up_where_all_scores_have_them() {
     assert_eq!(whole.hold.len(), BASIC.len() + 1);
     let method = &whole.methods[0];
     assert_eq!((method.at[0].metrics["flip"].mean, method.at[0].gain["flip"].mean), (0.125, -0.375));
-    assert_eq!((method.auc["flip"].mean, method.tv["flip"].mean), (0.125, 0.0));
+    near(method.auc["flip"].mean, 0.125);
+    near(method.tv["flip"].mean, 0.0);
     // No other figure changes.
     assert_eq!(method.at[0].metrics["hdr_psnr"], partial.methods[0].at[0].metrics["hdr_psnr"]);
     assert_eq!(whole.claims, partial.claims);

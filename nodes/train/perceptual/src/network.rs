@@ -119,7 +119,8 @@ impl Layer {
                 }
             }
             let (out, ()) = map.forward([&patches, &self.kernel, &self.bias]);
-            data.extend(out.into_iter().map(|value| value.max(0.0)));
+            // What is no number stays so, and is told with the distance.
+            data.extend(out.into_iter().map(|value| if value < 0.0 { 0.0 } else { value }));
         }
         Grid { height, width, channels: outputs, data }
     }
