@@ -55,7 +55,7 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, value_name = "SPACE", default_value = "auto")]
     normals: Space,
     /// Layer with the variance of each pixel. The noisy image is mixed in where its estimated error is smaller, in
-    /// twice the time.
+    /// twice the time. --spp tells how certain the variance is; without it, 32 samples are assumed.
     #[arg(long, value_name = "LAYER")]
     variance: Option<String>,
     /// The layer of --variance holds the variance of single samples, as `tauflow render --variance` and pbrt write it.
@@ -240,6 +240,8 @@ fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSetting
     let denoised = denoiser.denoise(&frame, settings, &mut progress).map_err(|error| named(told(error)))?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
+    // A large image needs its memory for writing.
+    drop(frame);
     write(&job.out, &denoised, alpha.as_ref())?;
     let Denoised { image, exposure, with_gbuffer, kept } = &denoised;
     let features = if *with_gbuffer { "albedo and normals" } else { "RGB alone" };
@@ -270,11 +272,13 @@ fn write(path: &Path, denoised: &Denoised, alpha: Option<&Image>) -> Result<(), 
     }
 }
 
-/// The frame of a file, its alpha, and what is worth telling of it.
+/// The frame of a file, its alpha, and what is worth telling of it. Of a large image, no more than this is in memory.
 fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Option<Image>, Vec<String>), CliError> {
     let mut notes = Vec::new();
     let layers = Layers::read(path)?;
-    let (name, radiance) = layers.radiance(args.layer.as_deref(), args.variance.as_deref())?;
+    let name = layers.radiance(args.layer.as_deref(), args.variance.as_deref())?;
+    let variance = args.variance.as_deref().map(|layer| layers.named(layer)).transpose()?;
+    let radiance = layers.image(&name)?;
     if !name.is_empty() {
         notes.push(format!("radiance is the layer `{name}`"));
     }
@@ -286,16 +290,17 @@ fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Option<Image>, Vec<S
     if negative > 0 {
         notes.push(format!("{negative} values are negative; they are denoised as they are"));
     }
-    let features = if args.rgb { None } else { features(args, path, &layers, &name, &mut notes)? };
     let mut frame = Frame::new(radiance).map_err(told)?;
-    if let Some((albedo, normal)) = features {
-        let gbuffer = albedo.beside(&normal).map_err(|e| CliError::Bad(e.to_string()))?;
-        frame = frame.with_gbuffer(gbuffer).map_err(told)?;
+    if !args.rgb
+        && let Some((albedo, normal)) = features(args, path, &layers, &name, &mut notes)?
+    {
+        frame = frame.with_features(albedo, normal).map_err(told)?;
     }
-    if let Some(layer) = &args.variance {
-        let (_, variance) = layers.named(layer)?;
+    if let Some(layer) = &variance {
         let samples = args.spp.filter(|_| args.per_sample).unwrap_or(1) as f32;
-        frame = frame.with_variance(variance.map(|value| value / samples)).map_err(told)?;
+        let mut variance = layers.image(layer)?;
+        variance.data_mut().iter_mut().for_each(|value| *value /= samples);
+        frame = frame.with_variance(variance, args.spp).map_err(told)?;
     }
     Ok((frame, layers.alpha(&name), notes))
 }
@@ -319,7 +324,7 @@ fn features(
             (Layers::read(&albedo)?.only_albedo()?, normal.only_normal()?, camera)
         }
         None => match (layers.albedo(radiance), layers.normal(radiance)) {
-            (Some((_, albedo)), Some((_, normal))) => (albedo, normal, layers.camera),
+            (Some(albedo), Some(normal)) => (layers.image(&albedo)?, layers.image(&normal)?, layers.camera),
             (None, None) => return Ok(None),
             (albedo, _) => {
                 let (has, lacks) = if albedo.is_some() { ("albedo", "normals") } else { ("normals", "albedo") };

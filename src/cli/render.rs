@@ -239,12 +239,11 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
 fn denoised(args: &RenderArgs, rendered: &Rendered) -> Result<Image, CliError> {
     let mut frame = Frame::new(rendered.image.clone()).map_err(told)?;
     if let Some(GBuffer { albedo, normal }) = &rendered.gbuffer {
-        let gbuffer = albedo.beside(normal).map_err(|e| told(e.into()))?;
-        frame = frame.with_gbuffer(gbuffer).map_err(told)?;
+        frame = frame.with_features(albedo.clone(), normal.clone()).map_err(told)?;
     }
     let samples = rendered.stats.samples;
     if samples > 1 && args.sampler() == SamplerKind::Independent {
-        frame = frame.with_variance(rendered.variance.map(|v| v / samples as f32)).map_err(told)?;
+        frame = frame.with_variance(rendered.variance.map(|v| v / samples as f32), Some(samples)).map_err(told)?;
     }
     let denoiser = BundledDenoiser::built_in(BundledWeights::Best).map_err(told)?;
     let settings = DenoiseSettings { spp: Some(samples), ..DenoiseSettings::default() };

@@ -1,9 +1,17 @@
 //! OpenEXR and PNG files.
 
 use crate::{DataError, Image, image::preview};
-use exr::prelude::*;
-use std::{collections::BTreeMap, io::Cursor, path::Path};
-use tauflow_contract::read_regular;
+use exr::{
+    block::{self, reader::ChunksReader as _},
+    meta::header::Header,
+    prelude::*,
+};
+use std::{
+    collections::BTreeMap,
+    io::{BufReader, Cursor, Read, Seek},
+    path::Path,
+};
+use tauflow_contract::open_regular;
 
 /// A layer of an EXR file.
 #[derive(Clone, Copy, Debug)]
@@ -103,9 +111,30 @@ const SAMPLES_PER_BYTE: usize = 512;
 /// If the file cannot be read, is deep or larger than 2^26 pixels, claims more numbers than its bytes can say, or holds
 /// no layer with R, G and B (or, for normals, X, Y and Z) at full resolution.
 pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, DataError> {
-    let name = path.display().to_string();
-    let bytes = read_regular(path, MOST_BYTES).map_err(|source| DataError::Io { path: name.clone(), source })?;
-    parse_exr(&name, &bytes)
+    read_exr_layers(path, &|_| true)
+}
+
+/// Those layers of a file whose names are wanted. Memory is that of these layers, whatever else the file holds.
+///
+/// # Errors
+/// As [`read_exr`], whether or not a layer is wanted.
+pub fn read_exr_layers(
+    path: &Path,
+    wanted: &dyn Fn(&str) -> bool,
+) -> std::result::Result<BTreeMap<String, Image>, DataError> {
+    let (name, size, source) = opened(path)?;
+    layers(&name, size, source, wanted)
+}
+
+/// Names of the layers that [`read_exr`] reads, and the matrix `worldToCamera` of the file, row by row.
+///
+/// # Errors
+/// As [`read_exr`], as far as headers tell.
+pub fn exr_names(path: &Path) -> std::result::Result<(Vec<String>, Option<[f32; 16]>), DataError> {
+    let (name, size, source) = opened(path)?;
+    let meta = checked(&name, size, source)?;
+    let camera = meta.headers.iter().find_map(|header| header.own_attributes.world_to_camera);
+    Ok((colours(&name, &meta.headers)?.into_keys().collect(), camera))
 }
 
 /// The layers of the bytes of an EXR file, as [`read_exr`] gives them; `name` is what errors call it.
@@ -113,11 +142,32 @@ pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, Dat
 /// # Errors
 /// As [`read_exr`].
 pub fn parse_exr(name: &str, bytes: &[u8]) -> std::result::Result<BTreeMap<String, Image>, DataError> {
+    layers(name, bytes.len() as u64, Cursor::new(bytes), &|_| true)
+}
+
+/// A file: what errors call it, its size, and where its bytes come from.
+fn opened(path: &Path) -> std::result::Result<(String, u64, BufReader<std::fs::File>), DataError> {
+    let name = path.display().to_string();
+    let failed = |source| DataError::Io { path: name.clone(), source };
+    let file = open_regular(path).map_err(failed)?;
+    let size = file.metadata().map_err(failed)?.len();
+    if size > MOST_BYTES {
+        let large = format!("it has {size} bytes; the limit is {MOST_BYTES}");
+        return Err(failed(std::io::Error::new(std::io::ErrorKind::FileTooLarge, large)));
+    }
+    Ok((name, size, BufReader::new(file)))
+}
+
+fn broken(name: &str) -> impl Fn(exr::error::Error) -> DataError + '_ {
+    move |e| DataError::Format(format!("{name}: no OpenEXR file that can be read: {e}"))
+}
+
+/// The headers, checked before anything of the size that they claim is made.
+fn checked(name: &str, size: u64, source: impl Read) -> std::result::Result<MetaData, DataError> {
     let failed = |what: String| DataError::Format(format!("{name}: {what}"));
-    let broken = |e: exr::error::Error| failed(format!("no OpenEXR file that can be read: {e}"));
-    // Before anything of the size that the header claims is made.
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
-    let most = bytes.len().saturating_mul(SAMPLES_PER_BYTE).saturating_add(FREE_SAMPLES).min(MOST_SAMPLES);
+    let meta = MetaData::read_from_buffered(source, false).map_err(broken(name))?;
+    let size = usize::try_from(size).unwrap_or(usize::MAX);
+    let most = size.saturating_mul(SAMPLES_PER_BYTE).saturating_add(FREE_SAMPLES).min(MOST_SAMPLES);
     let mut samples = 0usize;
     for header in &meta.headers {
         let sizes = [header.layer_size, header.shared_attributes.display_window.size];
@@ -132,27 +182,24 @@ pub fn parse_exr(name: &str, bytes: &[u8]) -> std::result::Result<BTreeMap<Strin
         samples = samples.saturating_add(layer.max(window).saturating_mul(channels));
         if channels > MOST_CHANNELS || samples > most {
             return Err(failed(format!(
-                "{channels} channels, {samples} numbers in {} bytes; at most {MOST_CHANNELS} and {most} can be read; \
-                 take layers out, crop the display window, or write the file without compression",
-                bytes.len()
+                "{channels} channels, {samples} numbers in {size} bytes; at most {MOST_CHANNELS} and {most} can be \
+                 read; take layers out, crop the display window, or write the file without compression"
             )));
         }
         if header.deep {
             return Err(failed("deep data; flatten the picture".into()));
         }
     }
-    let reader = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
-    let file = reader.from_buffered(Cursor::new(bytes)).map_err(broken)?;
-    let window = file.attributes.display_window;
+    Ok(meta)
+}
+
+/// The channels of each layer of three colours: of which part of the file, and which of its channels.
+fn colours(name: &str, headers: &[Header]) -> std::result::Result<BTreeMap<String, [(usize, usize); 3]>, DataError> {
     // Channels by layer and letter first: letters alone do not say whether a Z is a depth or part of a normal.
-    let mut found: BTreeMap<String, BTreeMap<char, Image>> = BTreeMap::new();
-    for part in &file.layer_data {
-        let name = part.attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
-        let offset = |axis: fn(&Vec2<i32>) -> i32| {
-            i64::from(axis(&part.attributes.layer_position)) - i64::from(axis(&window.position))
-        };
-        let (left, top) = (offset(|p| p.x()), offset(|p| p.y()));
-        for channel in &part.channel_data.list {
+    let mut found: BTreeMap<String, BTreeMap<char, (usize, usize)>> = BTreeMap::new();
+    for (part, header) in headers.iter().enumerate() {
+        let own = header.own_attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
+        for (at, channel) in header.channels.list.iter().enumerate() {
             let full = channel.name.to_string();
             let (layer, letter) = full.rsplit_once('.').unwrap_or(("", &full));
             let Some(letter) =
@@ -160,35 +207,108 @@ pub fn parse_exr(name: &str, bytes: &[u8]) -> std::result::Result<BTreeMap<Strin
             else {
                 continue;
             };
-            if !"RGBXYZ".contains(letter) || channel.sampling != Vec2(1, 1) {
-                continue;
+            if "RGBXYZ".contains(letter) && channel.sampling == Vec2(1, 1) {
+                let layer = if layer.is_empty() { own.clone() } else { layer.to_owned() };
+                found.entry(layer).or_default().insert(letter, (part, at));
             }
-            let mut plane = Image::new(window.size.width(), window.size.height(), 1);
-            for (at, value) in channel.sample_data.values_as_f32().enumerate() {
-                let (x, y) = ((at % part.size.width()) as i64 + left, (at / part.size.width()) as i64 + top);
-                if (0..plane.width() as i64).contains(&x) && (0..plane.height() as i64).contains(&y) {
-                    plane.pixel_mut(x as usize, y as usize)[0] = value;
-                }
-            }
-            let layer = if layer.is_empty() { name.clone() } else { layer.to_owned() };
-            found.entry(layer).or_default().insert(letter, plane);
         }
     }
-    let mut images = BTreeMap::new();
-    for (name, planes) in found {
-        let all = |letters: [char; 3]| letters.map(|l| planes.get(&l));
-        let planes = match (all(['R', 'G', 'B']), all(['X', 'Y', 'Z'])) {
-            ([Some(r), Some(g), Some(b)], _) => [r, g, b],
-            (_, [Some(x), Some(y), Some(z)]) if !name.is_empty() => [x, y, z],
-            _ => continue,
-        };
-        let values = (0..planes[0].data().len()).flat_map(|i| planes.map(|plane| plane.data()[i])).collect();
-        images.insert(name, Image::from_data(window.size.width(), window.size.height(), 3, values)?);
+    let mut layers = BTreeMap::new();
+    for (name, channels) in found {
+        let all = |letters: [char; 3]| letters.map(|letter| channels.get(&letter).copied());
+        match (all(['R', 'G', 'B']), all(['X', 'Y', 'Z'])) {
+            ([Some(r), Some(g), Some(b)], _) => {
+                layers.insert(name, [r, g, b]);
+            }
+            (_, [Some(x), Some(y), Some(z)]) if !name.is_empty() => {
+                layers.insert(name, [x, y, z]);
+            }
+            _ => {}
+        }
     }
-    if images.is_empty() {
-        return Err(failed("it has no layer with channels R, G and B at full resolution".into()));
+    if layers.is_empty() {
+        let what = format!("{name}: it has no layer with channels R, G and B at full resolution");
+        return Err(DataError::Format(what));
     }
-    Ok(images)
+    Ok(layers)
+}
+
+/// Reads block by block, so that no copy of the picture is made beside the layers.
+fn layers<R: Read + Seek>(
+    name: &str,
+    size: u64,
+    mut source: R,
+    wanted: &dyn Fn(&str) -> bool,
+) -> std::result::Result<BTreeMap<String, Image>, DataError> {
+    let meta = checked(name, size, &mut source)?;
+    source.rewind().map_err(|e| broken(name)(e.into()))?;
+    let window = meta.headers.first().map(|header| header.shared_attributes.display_window);
+    let window = window.ok_or_else(|| DataError::Format(format!("{name}: it has no part")))?;
+    let chosen: Vec<(String, [(usize, usize); 3])> =
+        colours(name, &meta.headers)?.into_iter().filter(|(layer, _)| wanted(layer)).collect();
+    let mut images: Vec<Image> =
+        chosen.iter().map(|_| Image::new(window.size.width(), window.size.height(), 3)).collect();
+    // Where a channel of a part goes: images and places in their pixels.
+    let mut places: Vec<Vec<Vec<(usize, usize)>>> =
+        meta.headers.iter().map(|header| vec![Vec::new(); header.channels.list.len()]).collect();
+    for (image, (_, channels)) in chosen.iter().enumerate() {
+        for (place, (part, channel)) in channels.iter().enumerate() {
+            places[*part][*channel].push((image, place));
+        }
+    }
+    let parts: Vec<bool> = places.iter().map(|channels| channels.iter().any(|places| !places.is_empty())).collect();
+    let chunks = block::read(source, false)
+        .and_then(|reader| reader.filter_chunks(false, |_, _, block| parts[block.layer] && block.level == Vec2(0, 0)))
+        .map_err(broken(name))?;
+    let mut row = Vec::new();
+    chunks
+        .decompress_parallel(false, |meta, block| {
+            let header = &meta.headers[block.index.layer];
+            let places = &places[block.index.layer];
+            let offset = |axis: fn(Vec2<i32>) -> i32| {
+                i64::from(axis(header.own_attributes.layer_position)) - i64::from(axis(window.position))
+            };
+            let (left, top) = (offset(|p| p.x()), offset(|p| p.y()));
+            for line in block.lines(&header.channels) {
+                let places = &places[line.location.channel];
+                if places.is_empty() {
+                    continue;
+                }
+                row.clear();
+                match header.channels.list[line.location.channel].sample_type {
+                    SampleType::F16 => {
+                        for value in line.read_samples::<f16>() {
+                            row.push(value?.to_f32());
+                        }
+                    }
+                    SampleType::F32 => {
+                        for value in line.read_samples::<f32>() {
+                            row.push(value?);
+                        }
+                    }
+                    SampleType::U32 => {
+                        for value in line.read_samples::<u32>() {
+                            row.push(value? as f32);
+                        }
+                    }
+                }
+                let y = line.location.position.y() as i64 + top;
+                let first = line.location.position.x() as i64 + left;
+                for (image, place) in places {
+                    let image = &mut images[*image];
+                    let [width, height] = [image.width(), image.height()].map(|side| side as i64);
+                    if !(0..height).contains(&y) {
+                        continue;
+                    }
+                    for (x, value) in (first..).zip(&row).filter(|(x, _)| (0..width).contains(x)) {
+                        image.pixel_mut(x as usize, y as usize)[*place] = *value;
+                    }
+                }
+            }
+            Ok(())
+        })
+        .map_err(broken(name))?;
+    Ok(chosen.into_iter().map(|(name, _)| name).zip(images).collect())
 }
 
 /// A PNG of 8-bit RGB through the display transform [`preview`]; input is exposed linear radiance, 3 channels.
@@ -234,6 +354,9 @@ mod tests {
         let layers = read_exr(&path).expect("own file");
         assert_eq!(layers.keys().collect::<Vec<_>>(), ["", "albedo"]);
         assert!(layers.values().all(|layer| layer == &image));
+        let albedo = read_exr_layers(&path, &|name| name == "albedo").expect("own file");
+        assert_eq!(albedo.into_iter().collect::<Vec<_>>(), [("albedo".to_owned(), image.clone())]);
+        assert_eq!(exr_names(&path).expect("own file"), (vec![String::new(), "albedo".to_owned()], None));
         // Depth is no blue, and no picture; a part of a colour is none either.
         let written = |names: &[&str], position: i32, window: i32| {
             let channels = names

@@ -27,6 +27,7 @@ mod table;
 mod time_error;
 mod timing;
 mod training;
+mod variances;
 
 pub use asset::*;
 pub use backbone::*;
@@ -51,6 +52,7 @@ pub use table::*;
 pub use time_error::*;
 pub use timing::*;
 pub use training::*;
+pub use variances::*;
 
 use tauflow_contract::{Files, MediaRow};
 
@@ -85,6 +87,7 @@ pub const MEDIA: &[MediaRow] = &[
     MediaRow::of::<Timing>(),
     MediaRow::of::<TrainingLog>(),
     MediaRow::of::<TrainingTiming>(),
+    MediaRow::of::<Variances>(),
     MediaRow::of::<Verdict>(),
 ];
 

@@ -17,7 +17,7 @@ use tauflow_data::{
     IntegratorKind, Resolution, Rungs, SamplerKind,
     facts::{FILM, INDEPENDENT, RUNGS},
     methods::{self, PATH_TRACER},
-    records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing},
+    records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing, Variances},
     timing::{Repeated, machine},
 };
 
@@ -25,6 +25,7 @@ const NAME: &str = "ladder_rendering";
 const LADDERS: Group = Group::new("ladder", 6);
 const GBUFFERS: Group = Group::new("gbuffer", 6);
 const TIMINGS: Group = Group::new("timing", 6);
+const VARIANCES: Group = Group::new("variances", 1);
 /// Version of what is remembered of renders: goes up with that of [`LADDERS`] when any image changes.
 const MEMO_VERSION: u32 = 6;
 
@@ -32,6 +33,8 @@ const SCENES: Each<SceneRecord> = Each::new("scenes", "The scenes to render.");
 const AFTER: All<Any> = All::any("after", "Completed before `timing` measures.").or_none();
 const LADDER: Out<Ladder> = Out::new(LADDERS, "ladder", "The rungs, and the variance of samples.");
 const GBUFFER: Out<GBuffer> = Out::new(GBUFFERS, "gbuffer", "Albedo and normal at the first surface.");
+const VARIANCE: Out<Variances> =
+    Out::new(VARIANCES, "variances", "The variance of single samples at each rung, from its own samples.");
 const TIMING: Out<Timing> = Out::new(TIMINGS, "timing", "Wall time to reach each rung, on all cores.").measured();
 
 /// Params that came later, with what acted before.
@@ -50,17 +53,20 @@ const MOST_SOBOL: u64 = 1 << 32;
 enum Memo {
     /// The image.
     Rung,
+    /// The variance of samples.
+    Variance,
     /// The state, which more samples can be added to.
     Accumulator,
 }
 
 impl Memo {
-    /// Media type of both.
+    /// Media type of all.
     const MEDIA: &str = "tauflow/render-state";
 
     const fn name(self) -> &'static str {
         match self {
             Self::Rung => "rung",
+            Self::Variance => "variance",
             Self::Accumulator => "accumulator",
         }
     }
@@ -121,7 +127,7 @@ impl Kind for LadderRendering {
             manual: include_str!("ladder_rendering.md"),
             mode: Mode::Map,
             inputs: vec![SCENES.port(), AFTER.port()],
-            outputs: vec![LADDER.port(), GBUFFER.port(), TIMING.port()],
+            outputs: vec![LADDER.port(), GBUFFER.port(), VARIANCE.port(), TIMING.port()],
             seeded: false,
         }
     }
@@ -143,7 +149,9 @@ impl Kind for LadderRendering {
         // A ladder that ends by itself may have more rungs.
         let rungs = params.until.is_none().then(|| params.rungs.counts().to_vec());
         let gbuffer = Facts::default().with(FILM, film);
-        Outlook::default().with(LADDER, facts.with_some(RUNGS, rungs)).with(GBUFFER, gbuffer)
+        let variances = facts.clone().with(RUNGS, params.rungs.counts().to_vec());
+        let ladder = facts.with_some(RUNGS, rungs);
+        Outlook::default().with(LADDER, ladder).with(GBUFFER, gbuffer).with(VARIANCE, variances)
     }
 
     fn work(params: &Self::Params, group: &str) -> f64 {
@@ -171,6 +179,10 @@ impl Kind for LadderRendering {
         } else if group == GBUFFERS.name {
             json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples,
                 "gbuffer_surface": gbuffer_surface })
+        } else if group == VARIANCES.name {
+            // As with times: those of the rungs that are asked for in any case.
+            json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
+                "integrator": integrator })
         } else {
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
                 "integrator": integrator, "until": until })
@@ -192,6 +204,8 @@ impl Kind for LadderRendering {
             Ok(outputs.put(TIMING, work.timing()?.store(ctx)?))
         } else if action.group == GBUFFERS.name {
             Ok(outputs.put(GBUFFER, work.gbuffer()?.store(ctx)?))
+        } else if action.group == VARIANCES.name {
+            Ok(outputs.put(VARIANCE, work.variances()?))
         } else {
             Ok(outputs.put(LADDER, work.ladder()?))
         }
@@ -349,6 +363,45 @@ impl SceneRender<'_> {
         };
         let rungs = counts.iter().map(rung).collect::<Result<Vec<_>, KindError>>()?;
         Ladder::of_stored(self.ctx, &meta, &state.variance(), rungs)
+    }
+
+    /// The variances at the rungs. What is rendered for them is remembered for the ladder.
+    fn variances(&self) -> Result<Stored<Variances>, KindError> {
+        if !self.params.sampler.is_independent() {
+            return Err(KindError::Input(
+                "samples of `sampler: sobol` are correlated, so their variance does not predict the error of a rung; \
+                 use `sampler: independent`"
+                    .into(),
+            ));
+        }
+        let (counts, stream) = (self.params.rungs.counts(), self.params.stream);
+        let mut found = Vec::with_capacity(counts.len());
+        let mut state: Option<Accumulator> = None;
+        for count in counts {
+            if let Some(digest) = self.remembered(Memo::Variance, stream, *count)? {
+                found.push((*count, digest));
+                continue;
+            }
+            let renderer = self.renderer(self.world()?, stream)?;
+            let known = self.nearest_state(stream, *count, counts)?;
+            let nearest = state.into_iter().chain(known).max_by_key(|state| state.count);
+            let mut now = nearest.unwrap_or_else(|| renderer.begin());
+            renderer.advance(&mut now, *count, &mut |done| {
+                self.ctx.progress(done, self.params.rungs.last(), "samples per pixel");
+                self.ctx.check_cancelled()
+            })?;
+            let digest = self.ctx.put(&now.variance().to_bytes())?;
+            self.remember(Memo::Variance, stream, *count, digest)?;
+            found.push((*count, digest));
+            if self.remembered(Memo::Rung, stream, *count)?.is_none() {
+                self.remember(Memo::Rung, stream, *count, self.ctx.put(&now.mean().to_bytes())?)?;
+            }
+            state = Some(now);
+        }
+        if let Some(state) = state.filter(|state| state.count == self.params.rungs.last()) {
+            self.remember(Memo::Accumulator, stream, state.count, self.ctx.put(&state.to_bytes())?)?;
+        }
+        Variances::of_stored(self.ctx, &found)
     }
 
     /// Where the ladder ends, and the error that is to be expected there. Samples of other streams decide, of which

@@ -15,7 +15,7 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Image, Rungs,
-    records::{GBuffer, Ladder, SceneRecord},
+    records::{GBuffer, Ladder, SceneRecord, Variances},
     scene::{Bsdf, Geometry, Texture},
 };
 use tauflow_render::{
@@ -138,6 +138,31 @@ fn rungs_are_means_and_the_variance_is_that_of_the_samples() {
         render_image(&built.scene, &mut |d| built.load(d), setup, Goal::Samples(16), &mut |_| Ok(())).expect("sound");
     assert_eq!(&image, means[15], "the command renders what the kind does");
     assert_eq!((stats.paths, stats.rejected), (16 * 16 * 12, 0));
+}
+
+#[test]
+fn variances_are_those_of_ladders_that_end_there_and_their_samples_are_not_rendered_twice() {
+    let built = room();
+    let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let artifact = run(&blobs, &Silent, &built, dyadic(16), "variances");
+    let variances = Variances::load(&ctx, &artifact).expect("own artifact");
+    assert_eq!(variances.rungs.iter().map(|(spp, _)| *spp).collect::<Vec<_>>(), [1, 2, 4, 8, 16]);
+    assert!(variances.rungs[0].1.data().iter().all(|value| *value == 0.0), "one sample has no variance");
+    let samples = Samples::default();
+    let ladder = run(&blobs, &samples, &built, dyadic(16), "ladder");
+    assert!(samples.0.into_inner().expect("no holder panics").is_empty(), "the ladder's samples are there");
+    assert_eq!(ladder, run(&MemoryBlobs::default(), &Silent, &built, dyadic(16), "ladder"));
+    for (spp, variance) in &variances.rungs {
+        let alone = MemoryBlobs::default();
+        let ladder = run(&alone, &Silent, &built, list(&[*spp]), "ladder");
+        let ladder = Ladder::load(&Context::new(&alone, &Silent, &cancel), &ladder).expect("own artifact");
+        assert_eq!(&ladder.variance, variance, "{spp}");
+    }
+    // After the ladder: the same bits.
+    let other = MemoryBlobs::default();
+    run(&other, &Silent, &built, dyadic(16), "ladder");
+    assert_eq!(run(&other, &Silent, &built, dyadic(16), "variances"), artifact);
 }
 
 #[test]

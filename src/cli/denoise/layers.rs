@@ -4,12 +4,13 @@
 use crate::cli::CliError;
 use exr::{
     math::Vec2,
-    meta::MetaData,
     prelude::{ReadChannels as _, ReadLayers as _, ReadSpecificChannel as _, read},
 };
-use std::{collections::BTreeMap, io::Cursor, path::Path};
-use tauflow_contract::read_regular;
-use tauflow_data::{Image, image_io::parse_exr};
+use std::path::{Path, PathBuf};
+use tauflow_data::{
+    Image,
+    image_io::{exr_names, read_exr_layers},
+};
 
 /// Names of layers of radiance, best first, in lower case. Blender keeps the noisy image beside a denoised one.
 const RADIANCE: &[&str] =
@@ -21,16 +22,12 @@ const ALBEDO: &[&str] = &["albedo", "denoising albedo", "alb"];
 /// Names of layers of normals. pbrt has shading normals beside those of the surface.
 const NORMAL: &[&str] = &["normal", "denoising normal", "nrm", "sh_normal", "ns", "nn", "normals", "n"];
 
-/// Most bytes of a file.
-const MOST_BYTES: u64 = 1 << 32;
-
-/// The layers of a file, and what the header says.
+/// The layers of a file by name, and what the header says. Pixels are read when they are asked for.
 pub(super) struct Layers {
-    pub(super) images: BTreeMap<String, Image>,
+    names: Vec<String>,
     /// From world to camera space, for row vectors, row by row.
     pub(super) camera: Option<[f32; 16]>,
-    bytes: Vec<u8>,
-    file: String,
+    path: PathBuf,
 }
 
 /// The space of normals.
@@ -46,17 +43,23 @@ pub(super) enum Space {
 
 impl Layers {
     pub(super) fn read(path: &Path) -> Result<Self, CliError> {
-        let file = path.display().to_string();
-        let bytes = read_regular(path, MOST_BYTES).map_err(|e| CliError::Bad(format!("{file}: {e}")))?;
-        let images = parse_exr(&file, &bytes).map_err(|e| CliError::Bad(e.to_string()))?;
-        let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).ok();
-        let camera = meta.and_then(|meta| meta.headers.iter().find_map(|header| header.own_attributes.world_to_camera));
-        Ok(Self { images, camera, bytes, file })
+        let (names, camera) = exr_names(path).map_err(|e| CliError::Bad(e.to_string()))?;
+        Ok(Self { names, camera, path: path.to_owned() })
     }
 
-    /// The layer of radiance and its name: the one that is asked for, or the one that is recognised. `variance` names a
+    /// The pixels of a layer.
+    pub(super) fn image(&self, name: &str) -> Result<Image, CliError> {
+        let mut read = read_exr_layers(&self.path, &|layer| layer == name).map_err(|e| CliError::Bad(e.to_string()))?;
+        read.remove(name).ok_or_else(|| CliError::Bad(format!("{} has changed while it was read", self.file())))
+    }
+
+    fn file(&self) -> impl std::fmt::Display + '_ {
+        self.path.display()
+    }
+
+    /// The name of the layer of radiance: the one that is asked for, or the one that is recognised. `variance` names a
     /// layer that is none.
-    pub(super) fn radiance(&self, asked: Option<&str>, variance: Option<&str>) -> Result<(String, Image), CliError> {
+    pub(super) fn radiance(&self, asked: Option<&str>, variance: Option<&str>) -> Result<String, CliError> {
         if let Some(asked) = asked {
             return self.named(asked);
         }
@@ -64,13 +67,13 @@ impl Layers {
             return Ok(found);
         }
         let features = |name: &String| is(name, ALBEDO) || is(name, NORMAL) || Some(name.as_str()) == variance;
-        let mut others = self.images.iter().filter(|(name, _)| !features(name));
+        let mut others = self.names.iter().filter(|name| !features(name));
         match (others.next(), others.next()) {
-            (Some((name, image)), None) => Ok((name.clone(), image.clone())),
+            (Some(name), None) => Ok(name.clone()),
             _ => Err(CliError::Bad(format!(
                 "{}: no layer is recognised as radiance among {}; name it with --layer",
-                self.file,
-                self.names()
+                self.file(),
+                self.list()
             ))),
         }
     }
@@ -89,7 +92,7 @@ impl Layers {
             )
             .first_valid_layer()
             .all_attributes()
-            .from_buffered(Cursor::new(&self.bytes))
+            .from_file(&self.path)
             .ok()?;
         let window = file.attributes.display_window;
         let position = file.layer_data.attributes.layer_position;
@@ -106,23 +109,23 @@ impl Layers {
     }
 
     /// A layer by its whole name.
-    pub(super) fn named(&self, asked: &str) -> Result<(String, Image), CliError> {
-        self.images.get_key_value(asked).map(|(name, image)| (name.clone(), image.clone())).ok_or_else(|| {
-            CliError::Bad(format!("{} has no layer `{asked}` of three channels, only {}", self.file, self.names()))
+    pub(super) fn named(&self, asked: &str) -> Result<String, CliError> {
+        self.names.iter().find(|name| *name == asked).cloned().ok_or_else(|| {
+            CliError::Bad(format!("{} has no layer `{asked}` of three channels, only {}", self.file(), self.list()))
         })
     }
 
     /// The albedo that belongs to a layer of radiance: of the same view layer, or of none.
-    pub(super) fn albedo(&self, radiance: &str) -> Option<(String, Image)> {
+    pub(super) fn albedo(&self, radiance: &str) -> Option<String> {
         self.beside(ALBEDO, radiance)
     }
 
     /// The normals that belong to a layer of radiance.
-    pub(super) fn normal(&self, radiance: &str) -> Option<(String, Image)> {
+    pub(super) fn normal(&self, radiance: &str) -> Option<String> {
         self.beside(NORMAL, radiance)
     }
 
-    fn beside(&self, names: &[&str], radiance: &str) -> Option<(String, Image)> {
+    fn beside(&self, names: &[&str], radiance: &str) -> Option<String> {
         let prefix = |name: &str| name.rsplit_once('.').map(|(prefix, _)| prefix.to_owned());
         let own = prefix(radiance);
         let same = self.first(names, |name| prefix(name) == own);
@@ -130,16 +133,16 @@ impl Layers {
     }
 
     /// The only layer of a file that holds one thing, or the one of these names.
-    pub(super) fn only(self, names: &[&str]) -> Result<Image, CliError> {
-        if let Some((_, image)) = self.first(names, |_| true) {
-            return Ok(image);
+    fn only(&self, names: &[&str]) -> Result<String, CliError> {
+        if let Some(found) = self.first(names, |_| true) {
+            return Ok(found);
         }
-        match self.images.len() {
-            1 => Ok(self.images.into_values().next().expect("one layer")),
+        match &self.names[..] {
+            [name] => Ok(name.clone()),
             _ => Err(CliError::Bad(format!(
                 "{}: several layers ({}), none of which is called {}; write a file with one layer",
-                self.file,
-                self.names(),
+                self.file(),
+                self.list(),
                 names
                     .iter()
                     .filter(|name| !name.is_empty())
@@ -150,26 +153,26 @@ impl Layers {
         }
     }
 
-    pub(super) fn only_albedo(self) -> Result<Image, CliError> {
-        self.only(ALBEDO)
+    pub(super) fn only_albedo(&self) -> Result<Image, CliError> {
+        self.image(&self.only(ALBEDO)?)
     }
 
-    pub(super) fn only_normal(self) -> Result<Image, CliError> {
-        self.only(NORMAL)
+    pub(super) fn only_normal(&self) -> Result<Image, CliError> {
+        self.image(&self.only(NORMAL)?)
     }
 
     /// The layer of the first of these names. Blender's compositor changes images, so its layers count last.
-    fn first(&self, names: &[&str], may: impl Fn(&str) -> bool) -> Option<(String, Image)> {
+    fn first(&self, names: &[&str], may: impl Fn(&str) -> bool) -> Option<String> {
         let composite = |name: &String| name.to_ascii_lowercase().starts_with("composite.");
         names.iter().find_map(|wanted| {
-            let found = self.images.iter().filter(|(name, _)| last(name) == *wanted && may(name));
-            found.min_by_key(|(name, _)| composite(name)).map(|(name, image)| (name.clone(), image.clone()))
+            let found = self.names.iter().filter(|name| last(name) == *wanted && may(name));
+            found.min_by_key(|name| composite(name)).cloned()
         })
     }
 
-    fn names(&self) -> String {
+    fn list(&self) -> String {
         let name = |name: &String| if name.is_empty() { "the unnamed layer".to_owned() } else { format!("`{name}`") };
-        self.images.keys().map(name).collect::<Vec<_>>().join(", ")
+        self.names.iter().map(name).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -343,9 +346,10 @@ mod tests {
     use super::*;
 
     fn layers(names: &[&str]) -> Layers {
-        let image = |i: usize| Image::from_data(1, 1, 3, vec![i as f32; 3]).expect("fits");
-        let images = names.iter().enumerate().map(|(i, name)| ((*name).to_owned(), image(i))).collect();
-        Layers { images, camera: None, bytes: Vec::new(), file: "x.exr".into() }
+        // As the names come from a file: in order.
+        let mut names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        names.sort();
+        Layers { names, camera: None, path: "x.exr".into() }
     }
 
     #[test]
@@ -375,8 +379,8 @@ mod tests {
             (vec!["Composite.Combined", "View.Combined"], "View.Combined", "", ""),
         ] {
             let layers = layers(&names);
-            let name = |found: Option<(String, Image)>| found.map(|(name, _)| name).unwrap_or_default();
-            assert_eq!(layers.radiance(None, None).expect("recognised").0, radiance, "{names:?}");
+            let name = Option::<String>::unwrap_or_default;
+            assert_eq!(layers.radiance(None, None).expect("recognised"), radiance, "{names:?}");
             assert_eq!(
                 (name(layers.albedo(radiance)), name(layers.normal(radiance))),
                 (albedo.into(), normal.into()),
@@ -388,10 +392,10 @@ mod tests {
             panic!("wrong sort")
         };
         assert!(told.contains("`first`, `second`") && told.contains("--layer"), "{told}");
-        assert_eq!(unknown.radiance(None, Some("first")).expect("one is the variance").0, "second");
-        assert_eq!(unknown.radiance(Some("second"), None).expect("named").0, "second");
+        assert_eq!(unknown.radiance(None, Some("first")).expect("one is the variance"), "second");
+        assert_eq!(unknown.radiance(Some("second"), None).expect("named"), "second");
         assert!(unknown.radiance(Some("third"), None).is_err());
-        assert!(layers(&["first", "second"]).only_albedo().is_err() && layers(&["any"]).only_albedo().is_ok());
+        assert!(layers(&["first", "second"]).only(ALBEDO).is_err() && layers(&["any"]).only(ALBEDO).is_ok());
     }
 
     /// Normals of a sphere that a camera sees, right, up and towards it.

@@ -73,6 +73,8 @@ fn every_media_type_comes_back_from_its_files() {
 fn images(ctx: &Context<'_>) {
     let files = round_trip(ctx, &ladder());
     assert!(files.contains_key("spp-000002.exr") && files.contains_key("spp-000002.png"));
+    let variances = Variances { rungs: vec![(2, image(3, 0.25)), (4, image(3, 0.5))] };
+    assert!(round_trip(ctx, &variances).contains_key("spp-000004.exr"));
     round_trip(ctx, &GBuffer { albedo: image(3, 0.1), normal: image(3, -0.1) });
     let gbuffer = Some(image(3, 0.1).beside(&image(3, -0.2)).expect("of one size"));
     let states = vec![image(3, 2.0), image(3, 1.0)];

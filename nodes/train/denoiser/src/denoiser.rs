@@ -2,10 +2,11 @@
 
 use crate::{
     built_in::Weights,
-    frame::Frame,
+    frame::{Features, Frame},
     mix::{Evidence, changed},
     tiles::{part, put, tiles},
 };
+use std::borrow::Cow;
 use tauflow_contract::KindError;
 use tauflow_data::{Image, bins::geometric_mean_luminance, views::Views};
 use tauflow_train::{Conditioning, Mirrored, Model, clean_estimate};
@@ -92,45 +93,71 @@ impl Denoiser {
         if !(0.0..=1.0).contains(&settings.strength) {
             return Err(KindError::Input(format!("a strength of {}; it goes from 0 to 1", settings.strength)));
         }
-        let (model, gbuffer) = self.model(frame, settings)?;
+        let (model, features) = self.model(frame, settings)?;
         let noisy = frame.radiance();
         // What is brighter than any light of a picture would spread over it.
         let bound = bound(noisy);
-        let seen = noisy.map(|value| value.clamp(-bound, bound));
-        let exposure = settings.exposure.unwrap_or_else(|| KEY / geometric_mean_luminance(&seen));
+        let exposure = settings.exposure.unwrap_or_else(|| {
+            let bright = noisy.data().iter().any(|value| value.abs() > bound);
+            KEY / if bright {
+                geometric_mean_luminance(&noisy.map(|value| value.clamp(-bound, bound)))
+            } else {
+                geometric_mean_luminance(noisy)
+            }
+        });
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(KindError::Input(format!("an exposure of {exposure}; it must be a factor above 0")));
         }
         let (width, height) = (noisy.width(), noisy.height());
-        let exposed = seen.map(|value| (f64::from(value) * exposure) as f32);
+        let exposed = |image: &Image| -> Result<Image, KindError> {
+            let exposed = image.map(|value| (f64::from(value.clamp(-bound, bound)) * exposure) as f32);
+            exposed.finite("the exposed image", "lower the exposure")?;
+            Ok(exposed)
+        };
         // Mirrored copies look at the same blocks of pixels only if the image consists of whole ones.
         let multiple = if settings.views == Views::ONE { 1 } else { model.multiple() };
-        let exposed = padded(&exposed, multiple);
-        let features = gbuffer.map(|gbuffer| padded(gbuffer, multiple));
-        exposed.finite("the exposed image", "lower the exposure")?;
-        let probe = frame.variance().map(|variance| (variance, changed(&exposed)));
-        let tiles = tiles(exposed.width(), exposed.height(), settings.tile, model.reach(), model.multiple());
+        let size = [width, height].map(|side| side.next_multiple_of(multiple));
+        let padding = size != [width, height];
+        // The whole image in memory once more only where it is needed: a large one is exposed tile by tile.
+        let whole = (padding || frame.variance().is_some())
+            .then(|| Ok::<_, KindError>(padded(exposed(noisy)?, multiple)))
+            .transpose()?;
+        let features = match features {
+            Some(features) if padding => {
+                Some(Cow::Owned(Features::Together(padded(features.whole().into_owned(), multiple))))
+            }
+            other => other.map(Cow::Borrowed),
+        };
+        let probe = match (&whole, frame.variance()) {
+            (Some(whole), Some((variance, samples))) => Some((whole, variance, samples, changed(whole))),
+            _ => None,
+        };
+        let tiles = tiles(size[0], size[1], settings.tile, model.reach(), model.multiple());
         let calls = tiles.len() * if probe.is_some() { 2 } else { 1 };
         let mut done = 0;
-        let mut all = |image: &Image| -> Result<Image, KindError> {
-            let mut out = Image::new(image.width(), image.height(), 3);
+        let mut all = |image: Option<&Image>| -> Result<Image, KindError> {
+            let mut out = Image::new(size[0], size[1], 3);
             for tile in &tiles {
-                let seen = part(image, tile.seen);
-                let features = features.as_ref().map(|features| part(features, tile.seen));
+                let seen = match image {
+                    Some(image) => part(image, tile.seen),
+                    None => exposed(&part(noisy, tile.seen))?,
+                };
+                let features = features.as_ref().map(|features| features.part(tile.seen));
                 put(&mut out, tile, &estimate(model, &seen, features.as_ref(), settings)?);
                 done += 1;
                 progress(done, calls)?;
             }
             Ok(out)
         };
-        let mut image = all(&exposed)?;
+        let mut image = all(whole.as_ref())?;
         let mut kept = None;
-        if let Some((variance, (moved, changes))) = &probe {
-            let variance = padded(&variance.map(|value| (f64::from(value) * exposure * exposure) as f32), multiple);
-            let denoised_changed = all(moved)?;
+        if let Some((exposed, variance, samples, (moved, changes))) = &probe {
+            let variance = padded(variance.map(|value| (f64::from(value) * exposure * exposure) as f32), multiple);
+            let denoised_changed = all(Some(moved))?;
             let shares = Evidence {
-                noisy: &exposed,
+                noisy: exposed,
                 variance: &variance,
+                samples: *samples,
                 denoised: &image,
                 denoised_changed: &denoised_changed,
                 changes,
@@ -142,7 +169,9 @@ impl Denoiser {
                 *value += shares[i / 3] * (exposed.data()[i] - *value);
             }
         }
-        let mut image = part(&image, [0, 0, width, height]);
+        if padding {
+            image = part(&image, [0, 0, width, height]);
+        }
         let strength = settings.strength as f32;
         for (value, noisy) in image.data_mut().iter_mut().zip(noisy.data()) {
             let mut denoised = (f64::from(*value) / exposure) as f32;
@@ -153,13 +182,17 @@ impl Denoiser {
             *value = if strength < 1.0 { noisy + strength * (denoised - noisy) } else { denoised };
         }
         image.finite("the denoised image", "set another exposure")?;
-        Ok(Denoised { image, exposure, with_gbuffer: gbuffer.is_some(), kept })
+        Ok(Denoised { image, exposure, with_gbuffer: features.is_some(), kept })
     }
 
     /// The model for a frame, and the G-buffer that it needs.
-    fn model<'a>(&'a self, frame: &'a Frame, settings: &Settings) -> Result<(&'a Model, Option<&'a Image>), KindError> {
-        match (&self.rgb, &self.gbuffer, frame.gbuffer().filter(|_| settings.gbuffer)) {
-            (_, Some(model), Some(gbuffer)) => Ok((model, Some(gbuffer))),
+    fn model<'a>(
+        &'a self,
+        frame: &'a Frame,
+        settings: &Settings,
+    ) -> Result<(&'a Model, Option<&'a Features>), KindError> {
+        match (&self.rgb, &self.gbuffer, frame.features().filter(|_| settings.gbuffer)) {
+            (_, Some(model), Some(features)) => Ok((model, Some(features))),
             (Some(model), _, _) => Ok((model, None)),
             (None, _, _) => Err(KindError::Input(
                 "the model needs albedo and normals, which the image lacks; give them, or use a model of \
@@ -190,10 +223,10 @@ fn bound(image: &Image) -> f32 {
 }
 
 /// The image with its last row and column repeated up to a multiple of so many pixels.
-fn padded(image: &Image, multiple: usize) -> Image {
+fn padded(image: Image, multiple: usize) -> Image {
     let (width, height) = (image.width().next_multiple_of(multiple), image.height().next_multiple_of(multiple));
     if (width, height) == (image.width(), image.height()) {
-        return image.clone();
+        return image;
     }
     let mut data = Vec::with_capacity(width * height * image.channels());
     for y in 0..height {
@@ -297,6 +330,22 @@ mod tests {
     }
 
     #[test]
+    fn features_in_two_images_have_the_bits_of_one() {
+        let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+        let together = frame(75, 40);
+        let gbuffer = together.features().expect("given").whole().into_owned();
+        let apart = Frame::new(together.radiance().clone()).expect("finite");
+        let apart = apart.with_features(gbuffer.channels_of(0..3), gbuffer.channels_of(3..6)).expect("fits");
+        for (views, tile) in [(1, None), (1, Some(32)), (2, Some(32))] {
+            let views = Views::try_from(views).expect("a number of views");
+            let settings = Settings { tile, views, ..Settings::default() };
+            let [a, b] =
+                [&together, &apart].map(|frame| denoiser.denoise(frame, &settings, &mut quiet).expect("fine").image);
+            assert!(a == b, "{settings:?}");
+        }
+    }
+
+    #[test]
     fn the_exposure_of_the_frame_does_not_matter() {
         let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
         let frame = frame(40, 24);
@@ -304,7 +353,8 @@ mod tests {
         let plain = of(&frame);
         for factor in [1.0 / 1024.0, 4096.0] {
             let brighter = Frame::new(frame.radiance().map(|value| value * factor)).expect("finite");
-            let brighter = of(&brighter.with_gbuffer(frame.gbuffer().expect("given").clone()).expect("fits"));
+            let gbuffer = frame.features().expect("given").whole().into_owned();
+            let brighter = of(&brighter.with_gbuffer(gbuffer).expect("fits"));
             let apart = |(a, b): (&f32, &f32)| (a - b * factor).abs() <= 1e-4 * (a.abs() + factor);
             assert!(brighter.data().iter().zip(plain.data()).all(apart), "{factor}");
         }
@@ -372,13 +422,13 @@ mod tests {
     fn a_noise_free_image_is_kept_where_the_variance_says_so() {
         let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
         let (noisy, zero) = (frame(64, 48), Image::new(64, 48, 3));
-        let kept =
-            denoiser.denoise(&noisy.clone().with_variance(zero).expect("fits"), &Settings::default(), &mut quiet);
-        let kept = kept.expect("fine");
+        let kept = noisy.clone().with_variance(zero, Some(64)).expect("fits");
+        let kept = denoiser.denoise(&kept, &Settings::default(), &mut quiet).expect("fine");
         assert!(kept.kept.expect("a variance") > 0.75, "{:?}", kept.kept);
         // As much noise as there is light.
         let large = noisy.radiance().map(|value| value * value + 1.0);
-        let denoised = denoiser.denoise(&noisy.with_variance(large).expect("fits"), &Settings::default(), &mut quiet);
-        assert!(denoised.expect("fine").kept.expect("a variance") < 0.05);
+        let denoised = noisy.with_variance(large, None).expect("fits");
+        let denoised = denoiser.denoise(&denoised, &Settings::default(), &mut quiet).expect("fine");
+        assert!(denoised.kept.expect("a variance") < 0.05);
     }
 }

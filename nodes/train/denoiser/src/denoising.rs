@@ -9,14 +9,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tauflow_contract::{
-    Action, All, Any, Context, Each, Group, ItemKey, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook,
-    Outputs, Probe, Resources,
+    Action, All, Any, Context, Each, Foreseen, Group, ItemKey, Kind, KindError, KindSpec, Known, Media, Mode, Out,
+    Outlook, Outputs, Probe, Resources,
 };
 use tauflow_data::{
     Image,
     facts::{self, NFE, SPP},
     methods::{Conditioning, MethodName},
-    records::{ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing},
+    records::{Exposure, ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing, Variances},
     timing::{Repeated, machine},
     views::Views,
 };
@@ -63,7 +63,8 @@ pub struct DenoisingParams {
     pub from: u64,
     /// Tell the network the sample count.
     pub tell_count: bool,
-    /// Mix the noisy image into the result where its estimated error is smaller.
+    /// Mix the noisy image into the result where its estimated error is smaller. From 2 samples on, this needs the
+    /// inputs `variances` and `exposure`.
     pub mix: bool,
     /// Share of the denoised image in the result; 0 for the endpoint itself, as a baseline.
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -93,13 +94,17 @@ impl Default for DenoisingParams {
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are denoised.");
+const VARIANCES: Each<Variances> =
+    Each::new("variances", "The variances of the same ladders, for `mix`: `variances` of `ladder_rendering`.")
+        .or_none();
+const EXPOSURE: Each<Exposure> = Each::new("exposure", "The exposure of the same scenes, for `mix`.").or_none();
 const MODEL: All<ModelFile> =
     All::new("model", "A solver in place of the bundled one: at most one.").single().or_none();
 const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
-const MAIN: Group = Group::main(1);
-const MEASURED: Group = Group::new("timing", 1);
+const MAIN: Group = Group::main(2);
+const MEASURED: Group = Group::new("timing", 2);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time on all cores.").measured();
 
@@ -112,7 +117,7 @@ impl Kind for Denoising {
             summary: "Denoises endpoints with the bundled denoiser.",
             manual: include_str!("denoising.md"),
             mode: Mode::Map,
-            inputs: vec![ENDPOINTS.port(), MODEL.port(), AFTER.port()],
+            inputs: vec![ENDPOINTS.port(), VARIANCES.port(), EXPOSURE.port(), MODEL.port(), AFTER.port()],
             outputs: vec![REFINED.port(), TIMING.port()],
             seeded: false,
         }
@@ -121,8 +126,12 @@ impl Kind for Denoising {
     fn foresee(params: &Self::Params, known: &Known) -> Outlook {
         let endpoints = known.each(ENDPOINTS);
         let mut problems: Vec<_> = facts::rung(&endpoints, params.from, "/from").into_iter().collect();
-        if let Some(half) = params.half() {
-            problems.extend(facts::rung(&endpoints, half, "/mix"));
+        if params.mixes() {
+            let variances = known.each(VARIANCES);
+            problems.extend(facts::rung(&variances, params.from, "/from"));
+            problems.extend(facts::same_film(VARIANCES, &variances, &endpoints));
+            let lacks = |port: &str| (!known.has(port)).then(|| Foreseen::param("/mix", unmixed(port), CONNECT));
+            problems.extend([VARIANCES.name(), EXPOSURE.name()].into_iter().find_map(lacks));
         }
         problems.extend(facts::gbuffer(ENDPOINTS, &endpoints, params.conditioning));
         let facts = facts::image_of(&endpoints.facts).with(SPP, vec![params.from]).with(NFE, vec![1]);
@@ -131,7 +140,7 @@ impl Kind for Denoising {
 
     fn work(params: &Self::Params, group: &str) -> f64 {
         let rounds = if group == MEASURED.name { params.repeats + 1 } else { 1 };
-        let calls = u64::from(params.mirrors) * if params.half().is_some() { 2 } else { 1 };
+        let calls = u64::from(params.mirrors) * if params.mixes() { 2 } else { 1 };
         calls as f64 * rounds as f64
     }
 
@@ -178,7 +187,17 @@ impl Kind for Denoising {
             }
         };
         let scene = action.read(ctx, ENDPOINTS)?;
-        let (frame, settings) = (params.frame(&scene)?, params.settings());
+        let (mut frame, settings) = (params.frame(&scene)?, params.settings());
+        if params.mixes() {
+            let lacks = |port: &str| KindError::Input(format!("{}; {CONNECT}", unmixed(port)));
+            let variances = action.handle_if(VARIANCES)?.ok_or_else(|| lacks(VARIANCES.name()))?;
+            let exposure = action.read_if(ctx, EXPOSURE)?.ok_or_else(|| lacks(EXPOSURE.name()))?.factor;
+            // That of the mean, as exposed.
+            let factor = exposure * exposure / params.from as f64;
+            let variance = Variances::of(ctx, variances, params.from)?;
+            let variance = variance.map(|value| (f64::from(value) * factor) as f32);
+            frame = frame.with_variance(variance, Some(params.from))?;
+        }
         if action.group == MEASURED.name {
             let timing = timed(ctx, &denoiser, &frame, params)?;
             return Ok(Outputs::default().put(TIMING, timing.store(ctx)?));
@@ -195,9 +214,9 @@ impl Kind for Denoising {
 }
 
 impl DenoisingParams {
-    /// The rung that tells the variance, if one is asked for and can be.
-    fn half(&self) -> Option<u64> {
-        (self.mix && self.from > 1).then_some(self.from / 2)
+    /// Whether there is a mix: the variance of one sample is not known.
+    fn mixes(&self) -> bool {
+        self.mix && self.from > 1
     }
 
     fn settings(&self) -> Settings {
@@ -223,23 +242,17 @@ impl DenoisingParams {
             })?;
             frame = frame.with_gbuffer(gbuffer)?;
         }
-        if let Some(half) = self.half() {
-            frame = frame.with_variance(variance(noisy, rung(half)?, self.from, half))?;
-        }
         Ok(frame)
     }
 }
 
-/// An unbiased estimate of the variance of each value of I_n, by the nested I_m of its first m samples. Let s be the
-/// variance of a sample: the expectation of (I_n - I_m)^2 is s (1/m - 1/n), and the variance of I_n is s/n.
-fn variance(noisy: &Image, first: &Image, n: u64, m: u64) -> Image {
-    let factor = m as f64 / (n - m) as f64;
-    let mut out = noisy.clone();
-    for (value, first) in out.data_mut().iter_mut().zip(first.data()) {
-        *value = ((f64::from(*value) - f64::from(*first)).powi(2) * factor) as f32;
-    }
-    out
+/// Why there is no mix.
+fn unmixed(port: &str) -> String {
+    format!("`mix: true` needs the variance of each pixel, but `{port}` is not connected")
 }
+
+const CONNECT: &str =
+    "connect `variances` of the node that rendered the ladders, and `exposure` of their `quality_gate`";
 
 /// One warm-up, then the measurements.
 fn timed(ctx: &Context<'_>, denoiser: &Denoiser, frame: &Frame, params: &DenoisingParams) -> Result<Timing, KindError> {
@@ -278,24 +291,19 @@ mod tests {
         PackedScene { counts: vec![1, 2, 4, 8], states, gbuffer: Some(gbuffer) }
     }
 
-    #[test]
-    fn variances_are_those_of_the_rung() {
-        let scene = scene();
-        // The samples have a variance of 1.
-        for (n, m, at) in [(2, 1, 1), (8, 4, 3), (8, 1, 3)] {
-            let first = &scene.states[(m as u32).ilog2() as usize];
-            let found = variance(&scene.states[at], first, n, m);
-            let mean = found.data().iter().map(|v| f64::from(*v)).sum::<f64>() / found.data().len() as f64;
-            assert!((mean * n as f64 - 1.0).abs() < 0.2, "{n} {m}: {mean}");
-        }
-    }
-
     fn run(params: Value) -> Result<Image, KindError> {
         let params: DenoisingParams = serde_json::from_value(params).expect("params");
         let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
         let ctx = Context::new(&blobs, &Silent, &cancel);
         let scene = scene().store(&ctx)?.into_artifact();
-        let each = BTreeMap::from([("endpoints", &scene)]);
+        // The samples have a variance of 1.
+        let one = Image::from_data(32, 24, 3, vec![1.0; 32 * 24 * 3])?;
+        let variances = Variances { rungs: vec![(4, one)] }.store(&ctx)?.into_artifact();
+        let exposure = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 1.0 }.store(&ctx)?.into_artifact();
+        let mut each = BTreeMap::from([("endpoints", &scene)]);
+        if params.mix {
+            each.extend([("variances", &variances), ("exposure", &exposure)]);
+        }
         let action = Action { params, item: None, group: "main", seed: 0, each, all: BTreeMap::new() };
         let outputs = Denoising::run(&ctx, &action)?;
         let refined = outputs.items.get("refined").expect("one").clone();
@@ -315,7 +323,10 @@ mod tests {
             let error = run(params).expect_err("cannot be").to_string();
             assert!(error.contains(part), "{error}");
         };
+        let mixed = run(json!({ "from": 4, "mix": true, "weights": "fast" })).expect("mixed");
+        assert!(error(&mixed) < 0.5 * noisy, "{} {noisy}", error(&mixed));
         told(json!({ "from": 16 }), "no rung of 16");
+        told(json!({ "from": 8, "mix": true }), "variance/00000008");
         told(json!({ "weights": "connected" }), "needs a model");
         let row = KindRow::<Denoising>::new();
         let params = row.resolve(&json!({ "repeats": 5 })).expect("fine params");

@@ -1,14 +1,47 @@
 //! What is denoised: checked, with damaged pixels mended.
 
+use crate::tiles::part;
+use std::borrow::Cow;
 use tauflow_contract::KindError;
 use tauflow_data::Image;
+
+/// The G-buffer as it was given: a large image is not copied.
+#[derive(Clone, Debug)]
+pub(crate) enum Features {
+    /// [H, W, 6].
+    Together(Image),
+    /// Albedo and normal, [H, W, 3] each.
+    Apart(Image, Image),
+}
+
+impl Features {
+    /// A part of them, [H, W, 6].
+    pub(crate) fn part(&self, rectangle: [usize; 4]) -> Image {
+        match self {
+            Self::Together(gbuffer) => part(gbuffer, rectangle),
+            Self::Apart(albedo, normal) => beside(&part(albedo, rectangle), &part(normal, rectangle)),
+        }
+    }
+
+    /// All of them, [H, W, 6].
+    pub(crate) fn whole(&self) -> Cow<'_, Image> {
+        match self {
+            Self::Together(gbuffer) => Cow::Borrowed(gbuffer),
+            Self::Apart(albedo, normal) => Cow::Owned(beside(albedo, normal)),
+        }
+    }
+}
+
+fn beside(albedo: &Image, normal: &Image) -> Image {
+    albedo.beside(normal).expect("images of one size")
+}
 
 /// Images of one frame, all of one size.
 #[derive(Clone, Debug)]
 pub struct Frame {
     radiance: Image,
-    gbuffer: Option<Image>,
-    variance: Option<Image>,
+    features: Option<Features>,
+    variance: Option<(Image, Option<u64>)>,
     notes: Vec<String>,
 }
 
@@ -25,7 +58,7 @@ impl Frame {
         }
         let mut notes = Vec::new();
         let radiance = mended(radiance, "radiance", &mut notes)?;
-        Ok(Self { radiance, gbuffer: None, variance: None, notes })
+        Ok(Self { radiance, features: None, variance: None, notes })
     }
 
     /// With albedo and normal [H, W, 6]: normals are in camera space (right, up, towards the camera) and have length 1,
@@ -35,21 +68,36 @@ impl Frame {
     /// If it has another size or number of channels, or no pixel is finite.
     pub fn with_gbuffer(mut self, gbuffer: Image) -> Result<Self, KindError> {
         shape(&gbuffer, "the G-buffer", 6, Some(&self.radiance))?;
-        self.gbuffer = Some(mended(gbuffer, "the G-buffer", &mut self.notes)?);
+        self.features = Some(Features::Together(mended(gbuffer, "the G-buffer", &mut self.notes)?));
+        Ok(self)
+    }
+
+    /// With albedo and normal apart, [H, W, 3] each; otherwise as [`Frame::with_gbuffer`], but without a copy of them.
+    ///
+    /// # Errors
+    /// As [`Frame::with_gbuffer`].
+    pub fn with_features(mut self, albedo: Image, normal: Image) -> Result<Self, KindError> {
+        shape(&albedo, "the albedo", 3, Some(&self.radiance))?;
+        shape(&normal, "the normal", 3, Some(&self.radiance))?;
+        if [&albedo, &normal].iter().any(|image| image.data().iter().any(|value| !value.is_finite())) {
+            return self.with_gbuffer(beside(&albedo, &normal));
+        }
+        self.features = Some(Features::Apart(albedo, normal));
         Ok(self)
     }
 
     /// With the variance of each pixel's value [H, W, 3], in squares of the radiance's unit: that of one sample divided
-    /// by the number of samples. Its expectation matters, so a noisy estimate will do.
+    /// by the number of samples. `samples` says from how many it was estimated, if that is known: the fewer, the more
+    /// evidence a mix needs.
     ///
     /// # Errors
     /// If it has another size or number of channels, a value is negative, or no pixel is finite.
-    pub fn with_variance(mut self, variance: Image) -> Result<Self, KindError> {
+    pub fn with_variance(mut self, variance: Image, samples: Option<u64>) -> Result<Self, KindError> {
         shape(&variance, "the variance", 3, Some(&self.radiance))?;
         if let Some(value) = variance.data().iter().find(|value| **value < 0.0) {
             return Err(KindError::Input(format!("the variance has a value of {value}; variances are at least 0")));
         }
-        self.variance = Some(mended(variance, "the variance", &mut self.notes)?);
+        self.variance = Some((mended(variance, "the variance", &mut self.notes)?, samples));
         Ok(self)
     }
 
@@ -58,14 +106,14 @@ impl Frame {
         &self.radiance
     }
 
-    /// Albedo and normal [H, W, 6], finite.
-    pub fn gbuffer(&self) -> Option<&Image> {
-        self.gbuffer.as_ref()
+    /// Albedo and normal, finite.
+    pub(crate) fn features(&self) -> Option<&Features> {
+        self.features.as_ref()
     }
 
-    /// Variance of each value of the radiance [H, W, 3], finite and not negative.
-    pub fn variance(&self) -> Option<&Image> {
-        self.variance.as_ref()
+    /// Variance of each value of the radiance [H, W, 3], finite and not negative, and from how many samples it is.
+    pub(crate) fn variance(&self) -> Option<(&Image, Option<u64>)> {
+        self.variance.as_ref().map(|(variance, samples)| (variance, *samples))
     }
 
     /// What was mended, for people.
@@ -169,7 +217,9 @@ mod tests {
         wrong(Frame::new(Image::new(0, 0, 3)), "no pixels");
         wrong(frame().with_gbuffer(image(3, 1.0)), "3 values per pixel; it needs 6");
         wrong(frame().with_gbuffer(Image::new(3, 3, 6)), "3 x 3 pixels, but the radiance has 4 x 3");
-        wrong(frame().with_variance(image(3, -1.0)), "at least 0");
-        wrong(frame().with_variance(Image::new(4, 4, 3)), "4 x 4 pixels");
+        wrong(frame().with_features(Image::new(3, 3, 3), image(3, 1.0)), "the albedo has 3 x 3 pixels");
+        wrong(frame().with_features(image(3, 1.0), image(1, 1.0)), "the normal has 1 values");
+        wrong(frame().with_variance(image(3, -1.0), None), "at least 0");
+        wrong(frame().with_variance(Image::new(4, 4, 3), None), "4 x 4 pixels");
     }
 }

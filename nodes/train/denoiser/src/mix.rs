@@ -5,17 +5,44 @@
 //! The squared error of w y + (1 - w) D is least at w = (E[(D - y)^2] - v (1 - d))/E[(D - y)^2], where d is the slope
 //! dD/dy: Stein's lemma gives the covariance of y and D as v d. This is Stein's unbiased risk estimate (SURE); Firmino
 //! et al. (2022) use it for progressive renders. Expectations are means over a window. A second call with a slightly
-//! changed image measures the slope (Ramani et al. 2008). Means of few pixels are uncertain, so the excess of (D - y)^2
-//! is lowered by its standard error: without evidence against it, the denoised value stays.
+//! changed image measures the slope (Ramani et al. 2008).
+//!
+//! **Variances are estimates** from n samples, and too small where rare bright paths are missing. So a variance counts
+//! as no less than a weighted mean of itself and of those around it, in relation to brightness. The excess of (D - y)^2
+//! over the variance is lowered by its standard error, many times for few samples: without evidence against it, the
+//! denoised value stays.
+//!
+//! **Single pixels** hold most of the error where a denoiser removes lamps and highlights that are as small as a pixel.
+//! If k of the samples of a dark pixel are bright, (y - D)^2/v is about k. One bright sample is a firefly, which the
+//! denoiser removes rightly; many are light that is there. This evidence counts only where y is brighter than D: a
+//! pixel that is too dark may have missed its bright samples.
 
 use rayon::prelude::*;
 use tauflow_data::{Image, rng::Stream};
 
-/// Half sides of the windows, less a half. The larger one finds what is small and everywhere.
-const WINDOWS: [usize; 2] = [4, 16];
+/// Half side of the windows that errors are averaged over, less a half.
+const WINDOW: usize = 8;
 
-/// Standard errors that the excess is lowered by.
-const CAUTION: f64 = 1.0;
+/// The same of the windows for brightness and for variances around a pixel.
+const AROUND: usize = 4;
+
+/// As many samples as the variances around a pixel count for, beside those of its own.
+const PRIOR: f64 = 4.0;
+
+/// Samples that variances are assumed to come from if it is not known.
+const UNKNOWN: u64 = 32;
+
+/// Standard errors that the excess is lowered by, divided by the degrees of freedom of a variance.
+const CAUTION: f64 = 4.0;
+
+/// Bright samples from which on a single pixel counts, and at twice as many of which it is noisy alone.
+const BRIGHT: f64 = 4.0;
+
+/// With fewer samples than this, single pixels need more bright ones in proportion.
+const MANY: f64 = 32.0;
+
+/// With fewer samples than this, single pixels do not count.
+const FEWEST: u64 = 16;
 
 /// Relative size of the change that slopes are measured with.
 const CHANGE: f32 = 0.01;
@@ -48,6 +75,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) noisy: &'a Image,
     /// The variance of each value of `noisy`.
     pub(crate) variance: &'a Image,
+    /// Samples from which the variances were estimated; none if it is not known.
+    pub(crate) samples: Option<u64>,
     pub(crate) denoised: &'a Image,
     /// The image denoised with the changes of [`changed`].
     pub(crate) denoised_changed: &'a Image,
@@ -65,37 +94,49 @@ impl Evidence<'_> {
         let levels = level(self.denoised);
         // Errors count in relation to how bright a pixel is, or lamps would decide for all that is around them.
         let floor = 1e-2 * levels.iter().sum::<f64>() / levels.len().max(1) as f64 + 1e-12;
-        let around = Blur::new(width, height, WINDOWS[0]).of(&levels);
-        let terms: Vec<[f64; 2]> = (0..width * height)
+        let around = Blur::new(width, height, AROUND).of(&levels);
+        // Squares of the distance, variances, and the share of a variance that is no error of the denoised value.
+        let terms: Vec<[f64; 3]> = (0..width * height)
             .into_par_iter()
             .map(|pixel| {
                 let weight = 1.0 / (around[pixel] + floor);
-                let mut sums = [0.0; 2];
+                let [mut square, mut variance, mut kept] = [0.0f64; 3];
                 for at in 3 * pixel..3 * pixel + 3 {
                     let value = |image: &Image| f64::from(image.data()[at]);
-                    let apart = value(self.denoised) - value(self.noisy);
                     let slope = (value(self.denoised_changed) - value(self.denoised)) / f64::from(self.changes[at]);
-                    let square = apart * apart;
-                    sums[0] += weight * square;
-                    sums[1] += weight * (square - value(self.variance) * (1.0 - slope));
+                    square += weight * (value(self.denoised) - value(self.noisy)).powi(2);
+                    variance += weight * value(self.variance);
+                    kept += weight * value(self.variance) * slope.clamp(0.0, 1.0);
                 }
-                sums
+                [square, variance, if variance > 0.0 { 1.0 - kept / variance } else { 1.0 }]
             })
             .collect();
         let column = |i: usize| terms.iter().map(|term| term[i]).collect::<Vec<f64>>();
-        let (squares, excesses) = (column(0), column(1));
-        let powers: Vec<f64> = excesses.iter().map(|excess| excess * excess).collect();
+        let (squares, own) = (column(0), column(1));
+        let near = Blur::new(width, height, AROUND).of(&own);
+        let samples = self.samples.unwrap_or(UNKNOWN).max(2);
+        let freedom = (samples - 1) as f64;
+        let bright = BRIGHT * (MANY / samples as f64).max(1.0);
+        let sum = |image: &Image, pixel: usize| image.data()[3 * pixel..3 * pixel + 3].iter().sum::<f32>();
+        let (mut excesses, mut spreads) = (squares.clone(), own.clone());
         let mut shares = vec![0.0f32; width * height];
-        for window in WINDOWS {
-            let blur = Blur::new(width, height, window);
-            let [square, excess, power] = [&squares, &excesses, &powers].map(|values| blur.of(values));
-            let count = blur.count();
-            for (pixel, share) in shares.iter_mut().enumerate() {
-                let error = ((power[pixel] - excess[pixel].powi(2)).max(0.0) / count).sqrt();
-                let sure = excess[pixel] - CAUTION * error;
-                if sure > 0.0 && square[pixel] > 0.0 {
-                    *share = share.max((sure / square[pixel]).min(1.0) as f32);
-                }
+        for (pixel, share) in shares.iter_mut().enumerate() {
+            let variance = own[pixel].max((freedom * own[pixel] + PRIOR * near[pixel]) / (freedom + PRIOR));
+            let excess = squares[pixel] - variance * terms[pixel][2];
+            excesses[pixel] = excess;
+            // The variance of the excess for normal noise: that of (b + e)^2 for a bias b, and that of the variance.
+            spreads[pixel] = 4.0 * excess.max(0.0) * variance + 2.0 * variance * variance * (1.0 + 1.0 / freedom);
+            if samples >= FEWEST && sum(self.noisy, pixel) > sum(self.denoised, pixel) {
+                let hits = if variance > 0.0 { squares[pixel] / variance } else { f64::INFINITY };
+                *share = ((hits - bright) / bright).clamp(0.0, 1.0) as f32;
+            }
+        }
+        let blur = Blur::new(width, height, WINDOW);
+        let [square, excess, spread] = [&squares, &excesses, &spreads].map(|values| blur.of(values));
+        for (pixel, share) in shares.iter_mut().enumerate() {
+            let sure = excess[pixel] - CAUTION / freedom * (spread[pixel] / blur.count()).sqrt();
+            if sure > 0.0 && square[pixel] > 0.0 {
+                *share = share.max((sure / square[pixel]).min(1.0) as f32);
             }
         }
         shares
@@ -172,28 +213,36 @@ mod tests {
         a.data().iter().zip(b.data()).map(|(a, b)| f64::from(a - b).powi(2)).sum()
     }
 
-    /// Mean share, and the error of the mix over the smaller one of both images: of a denoiser that keeps `slope` of
-    /// the noise and is wrong by `bias`.
-    fn mix(deviation: f64, bias: f64, slope: f64, seed: u64) -> (f64, f64) {
-        let clean = image(|x, y| 1.0 + 0.5 * ((x / 8 + y / 8) % 2) as f64);
+    /// Mean share, and the error of the mix over the smaller one of both images: of a denoiser that makes `made` of a
+    /// pixel of the clean image and of its noise, and variances from so many samples.
+    fn mix(
+        clean: &Image,
+        (deviation, samples): (f64, u64),
+        made: impl Fn(f32, f32) -> f32,
+        seed: u64,
+    ) -> (f64, f64, f64) {
         let noise = noise(deviation, seed);
         let mut noisy = clean.clone();
         noisy.data_mut().iter_mut().zip(&noise).for_each(|(value, noise)| *value += *noise as f32);
         let denoiser = |image: &Image| {
             let mut out = clean.clone();
             let pairs = out.data_mut().iter_mut().zip(image.data()).zip(clean.data());
-            pairs.for_each(|((out, seen), clean)| *out = clean + bias as f32 + slope as f32 * (seen - clean));
+            pairs.for_each(|((out, seen), clean)| *out = made(*clean, seen - clean));
             out
         };
         let (moved, changes) = changed(&noisy);
         let (denoised, denoised_changed) = (denoiser(&noisy), denoiser(&moved));
-        // The estimate from two halves: one degree of freedom.
-        let halves = self::noise(deviation, seed + 1000);
-        let mut variance = clean.clone();
-        variance.data_mut().iter_mut().zip(&halves).for_each(|(value, half)| *value = (half * half) as f32);
+        let freedom = samples - 1;
+        let mut variance = Image::new(SIDE, SIDE, 3);
+        for part in 0..freedom {
+            let part = self::noise(deviation, seed + 1000 + part);
+            let pairs = variance.data_mut().iter_mut().zip(&part);
+            pairs.for_each(|(value, noise)| *value += (noise * noise / freedom as f64) as f32);
+        }
         let shares = Evidence {
             noisy: &noisy,
             variance: &variance,
+            samples: Some(samples),
             denoised: &denoised,
             denoised_changed: &denoised_changed,
             changes: &changes,
@@ -204,27 +253,46 @@ mod tests {
             *value += shares[i / 3] * (noisy.data()[i] - *value);
         }
         let share = shares.iter().map(|share| f64::from(*share)).sum::<f64>() / shares.len() as f64;
-        (share, error(&mixed, &clean) / error(&noisy, &clean).min(error(&denoised, &clean)))
+        let [mixed, noisy, denoised] = [&mixed, &noisy, &denoised].map(|image| error(image, clean));
+        (share, mixed / noisy.min(denoised), denoised / noisy)
+    }
+
+    fn board() -> Image {
+        image(|x, y| 1.0 + 0.5 * ((x / 8 + y / 8) % 2) as f64)
     }
 
     #[test]
     fn the_better_image_wins_and_the_mix_is_hardly_worse_than_it() {
         for seed in 0..3 {
             // Much better than the noise, as good, and much worse.
-            let (share, ratio) = mix(0.3, 0.05, 0.1, seed);
-            assert!(share < 0.05 && ratio < 1.05, "{share} {ratio}");
-            let (share, ratio) = mix(0.1, 0.1, 0.0, seed);
-            assert!((0.3..0.6).contains(&share) && ratio < 0.75, "the errors are independent: {share} {ratio}");
-            let (share, ratio) = mix(0.01, 0.1, 0.0, seed);
+            let (share, ratio, _) = mix(&board(), (0.3, 16), |clean, noise| clean + 0.05 + 0.1 * noise, seed);
+            assert!(share < 0.1 && ratio < 1.05, "{share} {ratio}");
+            let (share, ratio, _) = mix(&board(), (0.1, 64), |clean, _| clean + 0.1, seed);
+            assert!((0.3..0.75).contains(&share) && ratio < 0.8, "the errors are independent: {share} {ratio}");
+            let (share, ratio, _) = mix(&board(), (0.01, 16), |clean, _| clean + 0.1, seed);
             assert!(share > 0.9 && ratio < 1.1, "{share} {ratio}");
+            // Two samples say little of a variance.
+            let (share, ratio, _) = mix(&board(), (0.3, 2), |clean, _| clean, seed);
+            assert!(share < 1e-3 && ratio.is_finite(), "{share} {ratio}");
+        }
+    }
+
+    #[test]
+    fn a_denoiser_that_removes_a_few_lamps_does_no_harm() {
+        let lamps = image(|x, y| if x % 23 == 11 && y % 17 == 5 { 40.0 } else { 0.5 });
+        for seed in 0..3 {
+            // It takes off a third of the lamps, and the noise: 2,304 pixels, 6 of which have all of its error.
+            let made = |clean: f32, _: f32| if clean > 1.0 { 0.67 * clean } else { clean };
+            let (share, ratio, harm) = mix(&lamps, (0.1, 256), made, seed);
+            assert!(harm > 30.0 && ratio < 0.8 && share < 0.9, "{harm}: {share} {ratio}");
         }
     }
 
     #[test]
     fn noise_that_is_kept_is_no_error_of_the_denoiser() {
         // D = x + (y - x)/2 leaves half of the noise. Without the slope, (D - y)^2 would look too small to be noise.
-        let (share, ratio) = mix(0.2, 0.0, 0.5, 7);
-        assert!(share < 0.05 && ratio < 1.02, "{share} {ratio}");
+        let (share, ratio, _) = mix(&board(), (0.2, 16), |clean, noise| clean + 0.5 * noise, 7);
+        assert!(share < 0.15 && ratio < 1.1, "{share} {ratio}");
     }
 
     #[test]

@@ -8,6 +8,12 @@ const WHOLE: usize = 1_600_000;
 /// Side of the tiles of larger images, without what is around them.
 const SIDE: usize = 896;
 
+/// Pixels of an image, from which on tiles are smaller: most of the memory is the image then.
+const HUGE: usize = 16_000_000;
+
+/// Side of the tiles of such an image.
+const SIDE_OF_HUGE: usize = 512;
+
 /// A part of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tile {
@@ -29,7 +35,8 @@ pub(crate) fn tiles(
     let Some(reach) = reach.filter(|_| side.is_some() || width * height > WHOLE) else {
         return vec![Tile { core: whole, seen: whole }];
     };
-    let side = side.unwrap_or(SIDE).max(1).next_multiple_of(multiple);
+    let side =
+        side.unwrap_or(if width * height > HUGE { SIDE_OF_HUGE } else { SIDE }).max(1).next_multiple_of(multiple);
     let reach = reach.next_multiple_of(multiple);
     let rows = (0..height).step_by(side);
     let tile = |left: usize, top: usize| {

@@ -33,7 +33,7 @@ typedef struct TauflowFrame {
     /* Albedo and camera-space normals (right, up, towards the camera); both or none. */
     const float *albedo, *normal;
     /* Variance of each value of the radiance, or none. With it, the noisy image is mixed in where its estimated error
-     * is smaller. */
+     * is smaller. `spp` says from how many samples it was estimated; if it is 0, 32 are assumed. */
     const float *variance;
     /* Receives linear radiance; may be the same as `radiance`. */
     float *output;

@@ -150,11 +150,11 @@ unsafe fn denoised(denoiser: &Denoiser, frame: &TauflowFrame) -> Result<Image, K
     let mut given = Frame::new(image(frame.radiance)?)?;
     match (frame.albedo.is_null(), frame.normal.is_null()) {
         (true, true) => {}
-        (false, false) => given = given.with_gbuffer(image(frame.albedo)?.beside(&image(frame.normal)?)?)?,
+        (false, false) => given = given.with_features(image(frame.albedo)?, image(frame.normal)?)?,
         _ => return Err(KindError::Input("`albedo` and `normal` belong together; set both or none".into())),
     }
     if !frame.variance.is_null() {
-        given = given.with_variance(image(frame.variance)?)?;
+        given = given.with_variance(image(frame.variance)?, (frame.spp > 0).then_some(frame.spp))?;
     }
     let settings = Settings {
         spp: (frame.spp > 0).then_some(frame.spp),
