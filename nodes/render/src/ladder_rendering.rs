@@ -18,21 +18,13 @@ use tauflow_data::{
     facts::{FILM, INDEPENDENT, RUNGS},
     methods::{self, PATH_TRACER},
     records::{GBuffer, Ladder, LadderMeta, SceneRecord, TimedImage, Timing, Variances},
-<<<<<<< HEAD
     timing::{Repeated, measuring},
-=======
-    timing::{Repeated, machine},
->>>>>>> den
 };
 
 const NAME: &str = "ladder_rendering";
 const LADDERS: Group = Group::new("ladder", 6);
 const GBUFFERS: Group = Group::new("gbuffer", 6);
-<<<<<<< HEAD
 const TIMINGS: Group = Group::new("timing", 7);
-=======
-const TIMINGS: Group = Group::new("timing", 6);
->>>>>>> den
 const VARIANCES: Group = Group::new("variances", 1);
 /// Version of what is remembered of renders: goes up with that of [`LADDERS`] when any image changes.
 const MEMO_VERSION: u32 = 6;

@@ -17,11 +17,7 @@ use tauflow_data::{
     facts::{self, NFE, SPP},
     methods::{Conditioning, MethodName},
     records::{Exposure, ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing, Variances},
-<<<<<<< HEAD
     timing::{Repeated, measuring},
-=======
-    timing::{Repeated, machine},
->>>>>>> den
     views::Views,
 };
 use tauflow_train::Model;
