@@ -13,7 +13,6 @@ use tauflow_contract::{
     Outlook, Outputs, Probe, Resources,
 };
 use tauflow_data::{
-    Image,
     facts::{self, NFE, SPP},
     methods::{Conditioning, MethodName},
     records::{Exposure, ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing, Variances},
