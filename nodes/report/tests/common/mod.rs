@@ -13,7 +13,7 @@ use tauflow_data::{
     methods::{Conditioning, HOLD, OIDN, Parameterization},
     records::{
         Claim, ClaimVerdict, Estimate, Evaluation, Evidence, METRICS, MethodTable, Metrics, NfeTable, PackedScene,
-        Refined, RefinedImage, SceneRow, Score, Versus,
+        Refined, RefinedImage, SceneRow, Score, Versus, higher_is_better,
     },
     rng::Stream,
 };

@@ -1,6 +1,6 @@
 //! LPIPS against the Python package `lpips` 0.1.4 with made-up weights; weights that cannot be used; the kinds.
 
-use std::{collections::BTreeMap, path::PathBuf, sync::atomic::AtomicBool};
+use std::{path::PathBuf, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Collection, Context, ItemKey, Kind, Media, MemoryBlobs, Silent};
 use tauflow_data::{
     Image, TensorFile,
