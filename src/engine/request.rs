@@ -7,7 +7,7 @@ use super::{
     EngineError,
     event::Name,
     execute::{Producer, Whole},
-    ids::{InputId, LaneId, PortId, Row, SlotId},
+    ids::{Id, InputId, LaneId, PortId, Row, SlotId},
     lanes::{Lane, LaneBasis, LaneFeed, Lanes, ReadingPort, target_ports},
     measured::{Fetched, Measured, is_mixed},
     output::Output,
