@@ -24,7 +24,7 @@ use std::{
 };
 use tauflow_cache::Store;
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Media as _, Silent};
-use tauflow_data::records::{BridgeSteps, Ladder, PackedScene, REASONS, Refined, Rollout};
+use tauflow_data::records::{BridgeSteps, Generated, Ladder, PackedScene, REASONS, Refined, Rollout};
 use tauflow_viewer::{Head, Page, ViewerError};
 
 /// Arguments of `view`.
@@ -261,7 +261,7 @@ fn send(mut gallery: Gallery<'_>, address: &str) -> Result<(), Failure> {
 
 /// The error of a node without images, with nodes that have some.
 fn no_images(args: &ViewArgs, sources: &Sources<'_>) -> String {
-    let pictures = [Ladder::NAME, PackedScene::NAME, Refined::NAME, Rollout::NAME, BridgeSteps::NAME];
+    let pictures = [Ladder::NAME, PackedScene::NAME, Refined::NAME, Rollout::NAME, BridgeSteps::NAME, Generated::NAME];
     let has = |node: &&Node| node.spec.outputs.first().is_some_and(|port| pictures.contains(&port.media));
     let names: Vec<String> =
         sources.pipeline.nodes.iter().filter(has).take(8).map(|node| format!("`{}`", node.name)).collect();

@@ -4,7 +4,7 @@ use super::Selection;
 use crate::ids::{Id, PortId};
 use std::collections::BTreeSet;
 use tauflow_contract::Media as _;
-use tauflow_data::records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, Rollout, Verdict};
+use tauflow_data::records::{BridgeSteps, GBuffer, Generated, Ladder, PackedScene, Refined, Rollout, Verdict};
 
 /// An output: a node and its port.
 type Output = (usize, PortId);
@@ -15,6 +15,7 @@ type Output = (usize, PortId);
 /// - Ladders: those that these are packed from, or that the output itself or its node reads.
 /// - G-buffers: those that are packed with the scenes, or that the nodes of the ladders make, too.
 /// - Refined: images that are made of the packed scenes by any node, such as solvers and baselines.
+/// - Generated: the samples that the node itself makes.
 /// - Verdicts: those of gates that judge the ladders, or that give the exposures of the packed scenes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Family {
@@ -28,6 +29,8 @@ pub struct Family {
     pub refined: BTreeSet<Output>,
     /// Verdicts of gates.
     pub verdicts: BTreeSet<Output>,
+    /// Samples of generative backbones.
+    pub generated: BTreeSet<Output>,
 }
 
 /// The graph of a pipeline by outputs.
@@ -102,12 +105,13 @@ impl Family {
         family.verdicts.extend(graph.makes(own.0, &[Verdict::NAME]));
         let gates = read_by_packed.iter().flat_map(|(node, _)| graph.makes(*node, &[Verdict::NAME]));
         family.verdicts.extend(gates.collect::<Vec<_>>());
+        family.generated = graph.makes(own.0, &[Generated::NAME]).collect();
         family
     }
 
     /// All outputs.
     pub fn outputs(&self) -> impl Iterator<Item = Output> + '_ {
-        let all = [&self.packed, &self.ladders, &self.gbuffers, &self.refined, &self.verdicts];
+        let all = [&self.packed, &self.ladders, &self.gbuffers, &self.refined, &self.verdicts, &self.generated];
         all.into_iter().flatten().copied()
     }
 }

@@ -113,3 +113,47 @@ fn states_of_a_solver_are_shown_once_they_are_there() {
     let state = |call: u64| image(&format!("states/conditioning=rgb/{scene}/mc_noise-1-nfe-3-call-{call:04}"));
     assert!(state(3) == result && state(2) != result);
 }
+
+/// A node that hands on one sample of a backbone, of one pixel: 0.5 frozen, 1 adapted, with a step of its trajectory.
+const SAMPLES: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  samples:
+    kind: command
+    params:
+      run: [sh, samples.sh]
+      mode: gather
+      outputs: { samples: tauflow/generated }
+      images: pfm
+";
+const SAMPLES_SH: &str = r#"own=out/samples/rf-0000
+mkdir "$own"
+pixel() { printf 'PF\n1 1\n-1.0\n'; for channel in 1 2 3; do printf "\000\000$1\077"; done; }
+pixel '\000' > "$own/frozen.pfm"
+pixel '\200' > "$own/adapted.pfm"
+pixel '\000' > "$own/adapted-step-0000.pfm"
+cat > "$own/meta.json" <<'END'
+{"backbone": "rf", "family": "rectified_flow", "sample": 0, "steps": 1, "variants": [
+  {"variant": "frozen", "energy": [0.0], "frames": []}, {"variant": "adapted", "energy": [0.1], "frames": [0]}]}
+END
+"#;
+
+#[test]
+fn samples_of_a_backbone_are_compared_with_the_frozen_one() {
+    let place = Place::with(SAMPLES);
+    fs::write(place.path("samples.sh"), SAMPLES_SH).expect("it can be written");
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    place.tauflow(&["view", "small.yaml", "samples", "-o", "samples.html"]).ends(0);
+    let index = index(&place, "samples.html");
+    let frames = index["frames"].as_array().expect("frames");
+    let ids: Vec<&str> = frames.iter().filter_map(|frame| frame["id"].as_str()).collect();
+    assert_eq!(ids, ["samples/frozen", "samples/adapted", "samples: trajectory, adapted/step 0"]);
+    assert!(frames.iter().all(|frame| frame["content"] == json!("display")));
+    // It opens with the adapted image, and the direction is that of the adapter.
+    assert_eq!((&index["first"], &frames[1]["before"]), (&json!(1), &json!(0)));
+    let scene = &index["scenes"][0];
+    assert_eq!((&scene["key"], &scene["stratum"], &scene["reference"]), (&json!("rf-0000"), &json!("rf"), &json!(0)));
+    let psnr = index["metrics"][0]["values"]["1"][0].as_f64().expect("a number");
+    assert!((psnr - 6.021).abs() < 1e-3, "{psnr}");
+}

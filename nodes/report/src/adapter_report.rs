@@ -1,18 +1,20 @@
 #![doc = include_str!("adapter_report.md")]
 
+mod album;
 mod energy;
 mod montage;
+mod samples;
 mod table;
 mod tables_csv;
 mod trajectory;
 mod verdicts;
 
-use crate::{page, sections};
+use crate::{page, sections, shelf::Viewer};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, All, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Media, Mode, Out, Outputs, ParamProblem,
-    WriteFiles, pretty_json,
+    Action, All, Before, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
+    ParamProblem, WriteFiles, pretty_json,
 };
 use tauflow_data::records::{Claim, Generated, ImageQuality};
 
@@ -33,18 +35,27 @@ pub struct AdapterReportParams {
     /// Maximum side of an image in pixels; larger images are reduced by an integer factor.
     #[schemars(range(min = 16, max = 2048))]
     pub montage_pixels: u64,
+    /// Number of samples per backbone in the viewer; 0 for no viewer.
+    #[schemars(range(min = 0, max = 1000))]
+    pub viewer_samples: u64,
 }
 
 impl Default for AdapterReportParams {
     fn default() -> Self {
-        Self { title: "Transport adapter".into(), subtitle: String::new(), montage_samples: 3, montage_pixels: 192 }
+        Self {
+            title: "Transport adapter".into(),
+            subtitle: String::new(),
+            montage_samples: 3,
+            montage_pixels: 192,
+            viewer_samples: 32,
+        }
     }
 }
 
 const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.").single();
 const GENERATED: All<Generated> = All::new("generated", "The samples, for the images.").or_none();
 const PAGE: Out<Files> =
-    Out::new(Group::main(5), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
+    Out::new(Group::main(6), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
 
 impl Kind for AdapterReport {
     type Params = AdapterReportParams;
@@ -61,6 +72,10 @@ impl Kind for AdapterReport {
         }
     }
 
+    fn later() -> &'static [Later] {
+        &[Later { pointer: "/viewer_samples", before: Before::Integer(0) }]
+    }
+
     fn check(params: &Self::Params) -> Vec<ParamProblem> {
         if !params.title.trim().is_empty() {
             return Vec::new();
@@ -72,18 +87,18 @@ impl Kind for AdapterReport {
         let quality = action.only(QUALITY)?.load(ctx)?;
         let params = &action.params;
         let generated = action.all_if(GENERATED)?.filter(|_| params.montage_samples > 0);
+        let generated = generated.map(|items| samples::by_backbone(ctx, items)).transpose()?.unwrap_or_default();
         let (pixels, number) = (params.montage_pixels as usize, params.montage_samples as usize);
-        let (montages, trajectories) = match generated {
-            None => (Vec::new(), Vec::new()),
-            Some(items) => (montage::montages(ctx, items, number, pixels)?, trajectory::all(ctx, items, pixels)?),
-        };
+        let montages = montage::montages(ctx, &generated, number, pixels)?;
+        let trajectories = trajectory::all(ctx, &generated, pixels)?;
+        let viewer = album::viewer(ctx, &params.title, &generated, params.viewer_samples as usize)?;
         ctx.check_cancelled()?;
         let all = [
             Some(table::section(&quality)),
             verdicts::section(&quality),
-            montage::section(&montages)?,
+            montage::section(&montages, viewer.as_ref())?,
             energy::section(&quality),
-            trajectory::section(&trajectories)?,
+            trajectory::section(&trajectories, viewer.as_ref())?,
             Some(table::conventions(&quality)),
         ];
         let sections: Vec<page::Section> = all.into_iter().flatten().collect();
@@ -101,6 +116,9 @@ impl Kind for AdapterReport {
         }
         if !quality.per_sample.is_empty() {
             put("per_sample.csv", tables_csv::per_sample(&quality).as_bytes())?;
+        }
+        if let Some(viewer) = &viewer {
+            put(Viewer::FILE, viewer.html.as_bytes())?;
         }
         for montage in &montages {
             put(&montage.file, &montage.png()?)?;

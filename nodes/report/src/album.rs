@@ -1,36 +1,26 @@
-//! The viewer beside the page: all rungs, images of methods, features and variances of scenes.
+//! The viewer beside the page: all rungs, images of methods, states of solvers, features and variances of scenes.
 //!
 //! Knows scores by the names of methods alone, and needs none.
 
 use crate::{
     material::{Cell, cell_of_key},
     ranking::{conditioning_name, extra, method_name, with_baselines},
+    shelf::{RAW, Shelf, Viewer, add},
 };
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{Context, Handle, Items, KindError};
 use tauflow_data::{
-    Image, VarianceTime,
+    VarianceTime,
     methods::axes::CONDITIONING,
-    records::{Evaluation, Ladder, MethodTable, PackedScene, REASONS, Refined, Verdict},
+    records::{Evaluation, Ladder, MethodTable, PackedScene, Refined, Rollout, Rung, Verdict},
 };
-use tauflow_viewer::{Content, Frame, Head, Page, Scene, Track};
+use tauflow_viewer::{Content, Scene};
 
-/// Bytes after which scenes are left out.
-const MOST: usize = 24 << 20;
 /// The track of the rungs.
 const RUNGS: &str = "rungs";
+const PREVIEW: &str = "preview";
 const FEATURES: &str = "G-buffer";
 const EXPOSED: &str = "exposed linear radiance";
-const RAW: &str = "raw linear radiance of the scene";
-
-/// The page of the viewer, and the scenes that it shows.
-pub struct Viewer {
-    /// The page.
-    pub html: String,
-    scenes: BTreeSet<String>,
-    /// Number of scenes that had no room.
-    pub left_out: usize,
-}
 
 /// The track of a method.
 pub fn track_of(table: &MethodTable) -> String {
@@ -48,66 +38,18 @@ pub fn rung_of(spp: u64) -> String {
     format!("{RUNGS}/{spp} spp")
 }
 
-impl Viewer {
-    /// Name of its file.
-    pub const FILE: &'static str = "viewer.html";
-
-    /// The address of a frame of a scene, compared with the reference; none for a scene that has no room.
-    pub fn address(&self, scene: &str, frame: &str) -> Option<String> {
-        let plain = |b: u8| if b.is_ascii_alphanumeric() { char::from(b).to_string() } else { format!("%{b:02X}") };
-        let coded = |text: &str| text.bytes().map(plain).collect::<String>();
-        self.scenes
-            .contains(scene)
-            .then(|| format!("{}#scene={}&amp;a={}&amp;mode=wipe", Self::FILE, coded(scene), coded(frame)))
-    }
-}
-
-/// Frames and tracks as they are met.
-#[derive(Default)]
-struct Shelf {
-    frames: Vec<Frame>,
-    tracks: Vec<Track>,
-}
-
-impl Shelf {
-    fn track(&mut self, name: &str, space: &str) -> usize {
-        self.tracks.iter().position(|track| track.name == name).unwrap_or_else(|| {
-            let (name, space, raw) = (name.to_owned(), space.to_owned(), space == RAW);
-            self.tracks.push(Track { name, space, raw, between: None });
-            self.tracks.len() - 1
-        })
-    }
-
-    /// A frame of a track; `order` is its place there.
-    fn frame(&mut self, track: usize, label: &str, content: Content, (order, tau): (u64, Option<f64>)) -> usize {
-        let id = format!("{}/{label}", self.tracks[track].name);
-        self.frames.iter().position(|own| own.id == id).unwrap_or_else(|| {
-            self.frames.push(Frame { id, track, label: label.to_owned(), content, order, tau, before: None });
-            self.frames.len() - 1
-        })
-    }
-
-    /// A rung of a track, which comes after the next lower one.
-    fn rung(&mut self, track: usize, spp: u64, tau: Option<f64>) -> usize {
-        let frame = self.frame(track, &format!("{spp} spp"), Content::Radiance, (spp, tau));
-        let lower = self.frames.iter().enumerate().filter(|(_, of)| of.track == track && of.order < spp);
-        self.frames[frame].before = lower.max_by_key(|(_, of)| of.order).map(|(place, _)| place);
-        frame
-    }
-}
-
-/// Adds an image, unless the scene has one for this frame.
-fn add(scene: &mut Scene, frame: usize, image: Image) {
-    if scene.images.iter().all(|(own, _)| *own != frame) {
-        scene.images.push((frame, image));
-    }
+/// A rung of a track, which comes after the next lower one.
+fn rung(shelf: &mut Shelf, track: usize, spp: u64, tau: Option<f64>) -> usize {
+    let frame = shelf.frame(track, &format!("{spp} spp"), Content::Radiance, (spp, tau));
+    shelf.follow(frame, "");
+    frame
 }
 
 /// The time of a sample count, by the clock of a ladder.
-fn clock(counts: &[u64]) -> impl Fn(u64) -> Option<f64> + use<> {
+fn clock(counts: &[u64]) -> impl Fn(f64) -> Option<f64> + use<> {
     let ends = counts.iter().min().zip(counts.iter().max());
     let clock = ends.and_then(|(first, last)| VarianceTime::new(*first, *last).ok());
-    move |count| Some(clock?.tau(count as f64)).filter(|tau| tau.is_finite())
+    move |count| Some(clock?.tau(count)).filter(|tau| tau.is_finite())
 }
 
 /// Items by scene and cell.
@@ -129,6 +71,8 @@ pub struct Album<'a> {
     packed: ByScene<'a, PackedScene>,
     refined: ByScene<'a, Refined>,
     ladders: ByScene<'a, Ladder>,
+    states: ByScene<'a, Rollout>,
+    previews: ByScene<'a, Ladder>,
 }
 
 impl<'a> Album<'a> {
@@ -137,11 +81,11 @@ impl<'a> Album<'a> {
         ctx: &'a Context<'a>,
         evaluation: Option<&'a Evaluation>,
         packed: Option<Items<'a, PackedScene>>,
-        refined: Option<Items<'a, Refined>>,
-        ladders: Option<Items<'a, Ladder>>,
+        (refined, states): (Option<Items<'a, Refined>>, Option<Items<'a, Rollout>>),
+        [ladders, previews]: [Option<Items<'a, Ladder>>; 2],
     ) -> Self {
-        let (packed, refined, ladders) = (by_scene(packed), by_scene(refined), by_scene(ladders));
-        Self { ctx, evaluation, packed, refined, ladders }
+        let (packed, refined, states) = (by_scene(packed), by_scene(refined), by_scene(states));
+        Self { ctx, evaluation, packed, refined, ladders: by_scene(ladders), states, previews: by_scene(previews) }
     }
 
     /// The scenes that must be shown, then the first of each stratum.
@@ -170,31 +114,15 @@ impl<'a> Album<'a> {
         verdicts: &[(String, Verdict)],
     ) -> Result<Option<Viewer>, KindError> {
         let scenes = self.chosen(first, per_stratum);
-        let (mut shelf, mut page, mut shown) = (Shelf::default(), Page::in_memory(), BTreeSet::new());
-        for scene in &scenes {
-            self.ctx.check_cancelled()?;
-            if page.bytes() > MOST {
-                break;
-            }
-            let verdict = verdicts.iter().find(|(key, _)| key == *scene).map(|(_, verdict)| verdict);
-            let images = self.scene(&mut shelf, scene, verdict)?;
-            page.add(images, &shelf.frames, &shelf.tracks).map_err(|error| KindError::Input(error.to_string()))?;
-            shown.insert((*scene).to_owned());
-        }
-        if shown.is_empty() || shelf.frames.is_empty() {
-            return Ok(None);
-        }
+        let verdicts: BTreeMap<&str, &Verdict> =
+            verdicts.iter().map(|(key, verdict)| (key.as_str(), verdict)).collect();
         let input = self.evaluation.map(|of| rung_of(of.from_spp));
-        let head = Head {
-            title: title.to_owned(),
-            provenance: "The scenes of the report beside this page. Both pages were made by".into(),
-            command: "the command that the report names".into(),
-            first: shelf.frames.iter().position(|frame| Some(&frame.id) == input.as_ref()).unwrap_or(0),
-            reasons: REASONS.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
-        };
-        let html = page.text(&head, &shelf.frames, &shelf.tracks);
-        let html = html.map_err(|error| KindError::Internal(error.to_string()))?;
-        Ok(Some(Viewer { html, left_out: scenes.len() - shown.len(), scenes: shown }))
+        let mut shelf = Shelf::default();
+        for scene in scenes {
+            self.ctx.check_cancelled()?;
+            shelf.put(scene, |shelf| self.scene(shelf, scene, verdicts.get(scene).copied()))?;
+        }
+        shelf.viewer(title, input.as_deref())
     }
 
     fn scene(&self, shelf: &mut Shelf, key: &str, verdict: Option<&Verdict>) -> Result<Scene, KindError> {
@@ -205,8 +133,13 @@ impl<'a> Album<'a> {
             scene.exposure = verdict.measures.get(Verdict::EXPOSURE).copied().filter(|v| v.is_finite() && *v > 0.0);
         }
         self.packed(shelf, &mut scene)?;
-        self.ladders(shelf, &mut scene)?;
+        self.ladders(shelf, &mut scene, (&self.ladders, RUNGS))?;
         self.refined(shelf, &mut scene)?;
+        self.states(shelf, &mut scene)?;
+        // Scenes that the gate rejected have nothing else.
+        if scene.images.is_empty() {
+            self.ladders(shelf, &mut scene, (&self.previews, PREVIEW))?;
+        }
         Ok(scene)
     }
 
@@ -216,7 +149,7 @@ impl<'a> Album<'a> {
             let packed = packed.load(self.ctx)?;
             let (tau, track) = (clock(&packed.counts), shelf.track(&rungs_of(cell), EXPOSED));
             for (count, state) in packed.counts.iter().zip(packed.states) {
-                let frame = shelf.rung(track, *count, tau(*count));
+                let frame = rung(shelf, track, *count, tau(*count as f64));
                 scene.reference = Some(frame);
                 add(scene, frame, state);
             }
@@ -232,29 +165,35 @@ impl<'a> Album<'a> {
     }
 
     /// The variance of ladders, and their rungs where no packed scene has them.
-    fn ladders(&self, shelf: &mut Shelf, scene: &mut Scene) -> Result<(), KindError> {
+    fn ladders(
+        &self,
+        shelf: &mut Shelf,
+        scene: &mut Scene,
+        (ladders, what): (&ByScene<'_, Ladder>, &str),
+    ) -> Result<(), KindError> {
         let packed = scene.reference.is_some();
         let mut most = 0;
-        for (cell, ladder) in self.ladders.get(scene.key.as_str()).into_iter().flatten() {
+        for (cell, ladder) in ladders.get(scene.key.as_str()).into_iter().flatten() {
             let ladder = ladder.load(self.ctx)?;
             if !packed {
                 let (tau, factor) = (clock(&ladder.meta.counts), scene.exposure);
-                let track = shelf.track(&rungs_of(cell), if factor.is_some() { EXPOSED } else { RAW });
-                for rung in ladder.rungs {
-                    let frame = shelf.rung(track, rung.spp, tau(rung.spp));
+                let space = if factor.is_some() { EXPOSED } else { RAW };
+                let track = shelf.track(&of_cell(what, cell), space);
+                for Rung { spp, image } in ladder.rungs {
+                    let frame = rung(shelf, track, spp, tau(spp as f64));
                     // All are compared with the render of the most samples.
-                    if rung.spp > most {
-                        (most, scene.reference) = (rung.spp, Some(frame));
+                    if spp > most && what == RUNGS {
+                        (most, scene.reference) = (spp, Some(frame));
                     }
                     let image = match factor {
-                        Some(factor) => rung.image.map(|v| (f64::from(v) * factor) as f32),
-                        None => rung.image,
+                        Some(factor) => image.map(|v| (f64::from(v) * factor) as f32),
+                        None => image,
                     };
                     add(scene, frame, image);
                 }
             }
-            let name = rungs_of(cell).replacen(RUNGS, "variance", 1);
-            let track = shelf.track(&name, RAW);
+            let name = if what == RUNGS { "variance" } else { "variance of the preview" };
+            let track = shelf.track(&of_cell(name, cell), RAW);
             let frame = shelf.frame(track, "per sample", Content::Variance, (0, None));
             add(scene, frame, ladder.variance);
         }
@@ -268,17 +207,47 @@ impl<'a> Album<'a> {
         let Some(images) = self.refined.get(scene.key.as_str()) else { return Ok(()) };
         let mut images: Vec<_> = images.iter().map(|(cell, item)| (place(cell), cell, item)).collect();
         images.sort_by_key(|(place, cell, _)| (place.unwrap_or(usize::MAX), *cell));
-        let counts = self.packed.get(scene.key.as_str()).and_then(|all| all.first());
-        let counts = counts.map(|(_, packed)| packed.load(self.ctx)).transpose()?.map(|packed| packed.counts);
-        let tau = clock(&counts.unwrap_or_default());
+        let tau = clock(&self.counts(scene)?);
         for (place, cell, item) in images {
             for (said, image) in item.load(self.ctx)?.images {
                 let name = place.map_or_else(|| name_of(cell, &said.method), |place| track_of(tables[place]));
                 let track = shelf.track(&name, EXPOSED);
-                let (label, at) = (format!("NFE {}", said.nfe), (said.nfe, tau(said.to_spp)));
+                let (label, at) = (format!("NFE {}", said.nfe), (said.nfe, tau(said.to_spp as f64)));
                 let frame = shelf.frame(track, &label, Content::Radiance, at);
-                let from = rung_of(said.from_spp);
-                shelf.frames[frame].before = shelf.frames.iter().position(|own| own.id == from);
+                shelf.made_from(frame, &rung_of(said.from_spp));
+                add(scene, frame, image);
+            }
+        }
+        Ok(())
+    }
+
+    /// The sample counts of the rungs, by which everything has its time.
+    fn counts(&self, scene: &Scene) -> Result<Vec<u64>, KindError> {
+        let counts = self.packed.get(scene.key.as_str()).and_then(|all| all.first());
+        let counts = counts.map(|(_, packed)| packed.load(self.ctx)).transpose()?.map(|packed| packed.counts);
+        Ok(counts.unwrap_or_default())
+    }
+
+    /// The states of solvers between their calls: a track for each rollout.
+    fn states(&self, shelf: &mut Shelf, scene: &mut Scene) -> Result<(), KindError> {
+        let Some(rollouts) = self.states.get(scene.key.as_str()) else { return Ok(()) };
+        let tau = clock(&self.counts(scene)?);
+        for (cell, item) in rollouts {
+            let tables: Vec<&MethodTable> = self.evaluation.map(with_baselines).unwrap_or_default();
+            let table = tables.into_iter().find(|table| table.cell == *cell);
+            let Rollout { clock: own, states } = item.load(self.ctx)?;
+            let time = VarianceTime::new(own.n_min, own.n_max).ok();
+            for (said, image) in states {
+                let name = table.map_or_else(|| name_of(cell, &said.method), track_of);
+                let track = shelf.track(&format!("{name}: states of NFE {}", said.nfe), EXPOSED);
+                let rungs = shelf.track(RUNGS, EXPOSED);
+                shelf.between(track, rungs);
+                // A solver may have been trained by another clock than that of these rungs.
+                let count =
+                    if said.calls == said.nfe { Some(own.n_max as f64) } else { time.map(|t| t.count(said.tau)) };
+                let (label, at) = (format!("call {} of {}", said.calls, said.nfe), (said.calls, count.and_then(&tau)));
+                let frame = shelf.frame(track, &label, Content::Radiance, at);
+                shelf.follow(frame, &rung_of(said.from_spp));
                 add(scene, frame, image);
             }
         }
@@ -293,8 +262,12 @@ fn stratum_of(key: &str) -> &str {
 
 /// The track of the rungs of a cell.
 pub fn rungs_of(cell: &Cell) -> String {
+    of_cell(RUNGS, cell)
+}
+
+fn of_cell(what: &str, cell: &Cell) -> String {
     let values: Vec<&str> = cell.values().map(String::as_str).collect();
-    if values.is_empty() { RUNGS.to_owned() } else { format!("{RUNGS}: {}", values.join(", ")) }
+    if values.is_empty() { what.to_owned() } else { format!("{what}: {}", values.join(", ")) }
 }
 
 /// The name of a method that no evaluation knows: its own, and the values of its cell.

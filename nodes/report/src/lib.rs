@@ -16,6 +16,7 @@ mod page;
 mod ranking;
 mod report;
 mod sections;
+mod shelf;
 mod svg;
 mod tex;
 mod text;

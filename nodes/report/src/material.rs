@@ -4,8 +4,8 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use tauflow_contract::{Action, All, Context, InputPort, KindError, Media};
 use tauflow_data::records::{
-    Bridge, BridgeFiles, Convergence, Evaluation, Ladder, PackedScene, Refined, SamplingReport, SceneStatistics,
-    ScoreTable, SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
+    Bridge, BridgeFiles, Convergence, Evaluation, Ladder, PackedScene, Refined, Rollout, SamplingReport,
+    SceneStatistics, ScoreTable, SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
 };
 
 pub const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.").or_none().single();
@@ -15,6 +15,8 @@ pub const REFERENCES: All<PackedScene> =
     All::new("references", "Packed test scenes: input and reference of the images.").or_none();
 pub const REFINED: All<Refined> =
     All::new("refined", "Refined images of all cells, and of baselines for the figure that opens the page.").or_none();
+pub const STATES: All<Rollout> =
+    All::new("states", "States of solvers between their network calls, for the viewer.").or_none();
 const LOSSES: All<TrainingLog> = All::new("losses", "Loss curves of all cells.").or_none();
 const TIMINGS: All<TrainingTiming> = All::new("timings", "Measured training times of all cells.").or_none();
 const VERDICTS: All<Verdict> = All::new("verdicts", "Verdicts of the quality gate on the pool.").or_none();
@@ -46,6 +48,7 @@ pub const INPUTS: &[InputPort] = &[
     STATISTICS.port(),
     TABLES.port(),
     LADDERS.port(),
+    STATES.port(),
 ];
 
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.

@@ -1,7 +1,7 @@
 #![doc = include_str!("report.md")]
 
 use crate::{
-    album::{Album, Viewer},
+    album::Album,
     csv,
     gate_sheets::{self, Sheet},
     ladder_pictures,
@@ -11,20 +11,24 @@ use crate::{
     page::{Section, page, provenance},
     ranking::{Standing, extra, solver, standings},
     sections::{self, data::gate_counts},
+    shelf::Viewer,
     tex,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+};
 use tauflow_contract::{
-    Action, Before, Context, FileTree, Files, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode,
-    Out, Outlook, Outputs, ParamProblem, WriteFiles, pretty_json,
+    Action, Before, Context, FileTree, Files, Foreseen, Group, Items, Kind, KindError, KindSpec, Known, Later, Media,
+    Mode, Out, Outlook, Outputs, ParamProblem, WriteFiles, pretty_json,
 };
 use tauflow_data::{
     facts::NFE,
     methods::axes::{CONDITIONING, PARAMETERIZATION},
-    records::{Claim, Evaluation, MethodTable, TrainingTiming},
+    records::{Claim, Evaluation, Ladder, MethodTable, TrainingTiming},
 };
 
 /// The kind `report`.
@@ -73,7 +77,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(18), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(19), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -214,9 +218,11 @@ impl Images {
             _ => Default::default(),
         };
         let opening = opening.or(other);
-        let viewer = viewer(ctx, action, material, opening.iter().chain(&montages).chain(&by_calls).chain(&methods))?;
         let ladders = match action.all_if(material::LADDERS)? {
-            Some(ladders) if scenes > 0 => ladder_pictures::montage(ctx, ladders, scenes, pixels)?,
+            // Rungs of one cell that are packed as references show nothing new: they are there for the viewer.
+            Some(ladders) if scenes > 0 && (action.all_if(material::REFERENCES)?.is_none() || several(ladders)) => {
+                ladder_pictures::montage(ctx, ladders, scenes, pixels)?
+            }
             _ => None,
         };
         let sheets = match action.all_if(material::PREVIEWS)? {
@@ -225,6 +231,8 @@ impl Images {
             }
             _ => Vec::new(),
         };
+        let shown = opening.iter().chain(&montages).chain(&by_calls).chain(&methods);
+        let viewer = viewer(ctx, action, material, shown, &sheets)?;
         Ok(Self { nfe, viewer, opening, montages, by_calls, methods, ladders, sheets })
     }
 
@@ -234,23 +242,33 @@ impl Images {
     }
 }
 
+/// Whether ladders are of several cells.
+fn several(ladders: Items<'_, Ladder>) -> bool {
+    ladders.iter().map(|(key, _)| material::cell_of_key(key.as_str())).collect::<BTreeSet<_>>().len() > 1
+}
+
 /// The viewer of the scenes on the page and of more; none on a page without images.
 fn viewer<'m>(
     ctx: &Context<'_>,
     action: &Action<'_, ReportParams>,
     material: &Material,
     shown: impl Iterator<Item = &'m Montage>,
+    sheets: &[Sheet],
 ) -> Result<Option<Viewer>, KindError> {
     let params = &action.params;
     if params.montage_scenes == 0 {
         return Ok(None);
     }
-    let (packed, refined) = (action.all_if(material::REFERENCES)?, action.all_if(material::REFINED)?);
-    let album = Album::new(ctx, material.evaluation.as_ref(), packed, refined, action.all_if(material::LADDERS)?);
+    let packed = action.all_if(material::REFERENCES)?;
+    let made = (action.all_if(material::REFINED)?, action.all_if(material::STATES)?);
+    let ladders = [action.all_if(material::LADDERS)?, action.all_if(material::PREVIEWS)?];
+    let album = Album::new(ctx, material.evaluation.as_ref(), packed, made, ladders);
     let mut first: Vec<String> = Vec::new();
-    for row in shown.flat_map(|montage| &montage.rows) {
-        if !first.contains(&row.scene) {
-            first.push(row.scene.clone());
+    let rejected = sheets.iter().filter(|sheet| sheet.reason.is_some()).flat_map(|sheet| &sheet.pictures);
+    let scenes = shown.flat_map(|montage| &montage.rows).map(|row| &row.scene);
+    for scene in scenes.chain(rejected.map(|shot| &shot.scene)) {
+        if !first.contains(scene) {
+            first.push(scene.clone());
         }
     }
     album.viewer(&params.title, (&first, params.viewer_scenes as usize), &material.verdicts)
@@ -317,7 +335,10 @@ fn sections(material: &Material, params: &ReportParams, images: &Images) -> Resu
     let all = [
         evaluation.and_then(|of| sections::standings::section(of, of.nfe.first().copied().unwrap_or(0))),
         sections::score_tables::section(&material.tables),
-        sections::score_tables::pictures([images.methods.as_ref(), images.ladders.as_ref()], images.viewer.as_ref())?,
+        sections::score_tables::pictures(images.methods.as_ref(), images.ladders.as_ref(), images.viewer.as_ref())?
+            .map(|own| {
+                if images.montages.is_empty() { own } else { Section { id: "renders", title: "Renders".into(), ..own } }
+            }),
         evaluation.and_then(|of| sections::claims::section(of, material.bridge_tables())),
         evaluation.and_then(sections::tables::section),
         evaluation.and_then(sections::curves::section),
@@ -328,7 +349,7 @@ fn sections(material: &Material, params: &ReportParams, images: &Images) -> Resu
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),
-        sections::rejected::section(&images.sheets, params.montage_pixels as usize)?,
+        sections::rejected::section(&images.sheets, params.montage_pixels as usize, images.viewer.as_ref())?,
         sections::scenes::section(&material.statistics),
         material.convergence.as_ref().and_then(sections::convergence::section),
         evaluation.map(sections::conventions::section),
@@ -344,7 +365,7 @@ fn missing(action: &Action<'_, ReportParams>, material: &Material) -> Vec<String
         return Vec::new();
     }
     let there = |port: &str| action.all.get(port).is_some_and(|items| !items.is_empty());
-    let alone = [material::TABLES.name(), material::LADDERS.name()];
+    let alone = [material::TABLES.name(), material::LADDERS.name(), material::STATES.name()];
     let missing = |name: &&str| !there(name) && !alone.contains(name);
     material::INPUTS.iter().map(|port| port.name).filter(missing).map(str::to_owned).collect()
 }

@@ -24,7 +24,8 @@ fn the_page_shows_all_there_is() {
             "montage-rf_own.png",
             "per_sample.csv",
             "quality.json",
-            "scores.csv"
+            "scores.csv",
+            "viewer.html"
         ]
     );
     let page = text(&files, "adapter_report.html");
@@ -55,6 +56,14 @@ fn the_page_shows_all_there_is() {
     // Three lines for each backbone, in the drawing for wide windows and in that for phones: what injects nothing has
     // none.
     assert_eq!(page.matches("class=\"line ").count(), 2 * 6);
+    // Every picture leads to its frame in the viewer, and the difference to the adapted image.
+    assert_eq!(page.matches("<a href=\"viewer.html#scene=").count(), page.matches("<img ").count());
+    assert!(page.contains("<a href=\"viewer.html#scene=rf%5Fown%2D0001&amp;a=images%2Fadapted&amp;mode=wipe\">"));
+    assert!(
+        page.contains("<a href=\"viewer.html#scene=rf%5Fown%2D0000&amp;a=trajectory%3A%20adapted%2Fstep%2032&amp;")
+    );
+    let viewer = text(&files, "viewer.html");
+    assert!(viewer.contains("\"content\":\"display\"") && viewer.contains("\"id\":\"trajectory: frozen/step 0\""));
     let claims = text(&files, "claims.csv");
     assert!(claims.lines().count() == 11 && claims.contains("rf_own") && claims.contains("over Gaussian residuals"));
     assert_eq!(text(&files, "energy.csv").lines().count(), 1 + 6 * (100 + 32));
@@ -80,4 +89,9 @@ fn what_is_not_there_is_left_out() {
         page.contains("id=\"scores\"") && page.contains("Omitted, because these inputs are not connected: generated.")
     );
     assert!(!files.contains_key("claims.csv") && !files.contains_key("per_sample.csv"));
+    assert!(!files.contains_key("viewer.html"));
+    // Fewer samples in the viewer than on the page: the others are no links.
+    let params = AdapterReportParams { viewer_samples: 1, ..AdapterReportParams::default() };
+    let page = text(&self::files(params, &quality(), 2).expect("sound inputs"), "adapter_report.html");
+    assert!(page.contains("a=images%2Fadapted") && !page.contains("own%2D0001"));
 }

@@ -87,6 +87,16 @@ fn look(browser: &mut Browser, page: &Path, what: &str) {
         assert_eq!(browser.eval(&format!("{OVERFLOW}({columns})")), json!([]), "{what} at {width}");
         assert_eq!(browser.eval(SMALL), json!([]), "{what} at {width}");
     }
+    // The rows of the opening figure are equally long.
+    for width in [400, 900, 1400] {
+        browser.size(width, 900);
+        let rows = browser.eval(
+            "(() => { const rows = {}; for (const e of document.querySelectorAll('.hero > div > div')) { \
+             const y = Math.round(e.getBoundingClientRect().top); rows[y] = (rows[y] ?? 0) + 1; } \
+             return new Set(Object.values(rows)).size; })()",
+        );
+        assert!(rows.as_u64() <= Some(1), "{what} at {width}: {rows}");
+    }
     for scheme in ["light", "dark"] {
         let features = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
         browser.call("Emulation.setEmulatedMedia", features);
@@ -238,4 +248,24 @@ fn the_page_of_adapters_fits_any_window_and_can_be_read() {
         &made_up::files(AdapterReportParams::default(), &made_up::quality(), 2).expect("sound inputs"),
     );
     look(&mut browser, &folder.path().join("adapter_report.html"), "adapters");
+    // The viewer opens with the adapted image beside the frozen one, as they are: display values have no tone map.
+    browser.size(1400, 900);
+    browser.open(&folder.path().join("viewer.html"));
+    browser.wait("now.a !== null && now.b !== null");
+    let shown = browser.eval("[now.a, now.b].map((image) => index.frames[image.frame].id)");
+    assert_eq!(shown, json!(["images/adapted", "images/frozen"]));
+    let strata = browser.eval("[...$('stratum').options].map((option) => option.value)");
+    assert_eq!(strata, json!(["", "ddpm_own", "rf_own"]));
+    // The direction of the adapted image is what the adapter changed; steps follow each other.
+    browser.key("5");
+    browser.wait("state.mode === 'direction' && now.b !== null");
+    assert_eq!(browser.eval("$('tag-b').textContent"), json!("from images, frozen"));
+    browser.open(&folder.path().join("adapter_report.html"));
+    let link = "viewer.html#scene=rf%5Fown%2D0000&a=trajectory%3A%20adapted%2Fstep%2032&mode=wipe";
+    assert_eq!(browser.eval(&format!("document.querySelectorAll('a[href=\"{link}\"]').length")), json!(1));
+    browser.eval(&format!("location.href = '{link}'"));
+    browser.wait("typeof now === 'object' && now.a !== null && index.frames[now.a.frame].label === 'step 32'");
+    browser.key("ArrowLeft");
+    browser.wait("index.frames[now.a.frame].label === 'step 28'");
+    assert!(browser.problems().is_empty(), "{:#?}", browser.problems());
 }

@@ -366,6 +366,61 @@ fn a_table_and_ladders_need_no_evaluation() {
 }
 
 #[test]
+fn the_viewer_has_variances_states_and_rejected_scenes() {
+    let (blobs, inputs, _) = whole();
+    let index = |files: &FileTree| -> serde_json::Value {
+        let page = text(files, "viewer.html");
+        let (_, rest) = page.split_once("id=\"index\">").expect("an index");
+        serde_json::from_str(rest.split_once("</script>").expect("its end").0).expect("JSON")
+    };
+    let files = run(&blobs, ReportParams::default(), &inputs).expect("a report");
+    let index = index(&files);
+    let frames = index["frames"].as_array().expect("frames");
+    let place =
+        |id: &str| frames.iter().position(|frame| frame["id"] == json!(id)).unwrap_or_else(|| panic!("no {id}"));
+    assert_eq!(frames[place("variance/per sample")]["content"], json!("variance"));
+    // States stand between the rungs at their times, each after the one before, the first after the input.
+    let track = "MC noise, G-buffer: states of NFE 2";
+    let [first, last] = [1, 2].map(|call| place(&format!("{track}/call {call} of 2")));
+    let (input, reference) = (place("rungs/1 spp"), place("rungs/256 spp"));
+    let rungs = &frames[input]["track"];
+    assert_eq!(&index["tracks"][frames[first]["track"].as_u64().expect("a number") as usize]["between"], rungs);
+    assert_eq!((&frames[first]["before"], &frames[last]["before"]), (&json!(input), &json!(first)));
+    let tau = |frame: usize| frames[frame]["tau"].as_f64().expect("a time");
+    assert!((tau(first) - 0.5).abs() < 1e-9 && tau(last) == tau(reference) && tau(reference) == 1.0);
+    // Rejected scenes have their previews and reasons, and the pictures of the page lead to them.
+    let rejected: Vec<&serde_json::Value> = index["scenes"]
+        .as_array()
+        .expect("scenes")
+        .iter()
+        .filter(|scene| scene["reasons"].as_array().is_some_and(|reasons| !reasons.is_empty()))
+        .collect();
+    assert!(rejected.len() > 3 && rejected.iter().any(|scene| scene["reasons"] == json!(["black"])));
+    place("preview/32 spp");
+    let html = text(&files, "report.html");
+    let key = rejected[0]["key"].as_str().expect("a key").replace('-', "%2D");
+    assert!(html.contains(&format!("<a href=\"viewer.html#scene={key}&amp;")), "{key}");
+    // Ladders of one cell that are packed as references are there for the viewer; several are shown side by side.
+    let unique = |html: &str| {
+        let ids: Vec<&str> = html.split(" id=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        assert_eq!(ids.len(), ids.iter().collect::<BTreeSet<_>>().len(), "{ids:?}");
+    };
+    unique(&html);
+    assert!(!files.contains_key("pictures.png") && !html.contains("id=\"renders\""));
+    let mut several = inputs.clone();
+    let cells = ["sobol", "independent"].map(|sampler| {
+        let own = inputs["ladders"].iter();
+        own.map(move |(key, ladder)| (ItemKey::new(format!("sampler={sampler}/{key}")).expect("plain"), ladder.clone()))
+    });
+    several.insert("ladders", cells.into_iter().flatten().collect());
+    let files = run(&blobs, ReportParams::default(), &several).expect("a report");
+    let html = text(&files, "report.html");
+    unique(&html);
+    assert!(files.contains_key("pictures.png") && html.contains("<section id=\"renders\""));
+    assert!(html.contains("sampler sobol, 1 spp"));
+}
+
+#[test]
 fn a_table_shows_the_pictures_of_any_method() {
     let (blobs, all, _) = whole();
     let table: ScoreTable = serde_json::from_value(json!({

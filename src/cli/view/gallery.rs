@@ -9,12 +9,15 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Context, ItemKey, KindError, Media as _};
 use tauflow_data::{
     Image, VarianceTime,
-    records::{BridgeSteps, GBuffer, Ladder, PackedScene, Refined, RefinedImages, Rollout, Verdict},
+    records::{
+        BridgeSteps, GBuffer, Generated, Ladder, PackedScene, Refined, RefinedImages, Rollout, Variant, Verdict,
+    },
 };
 use tauflow_viewer::{Content, Frame, Scene, Track};
 
 const EXPOSED: &str = "exposed linear radiance";
 const RAW: &str = "raw linear radiance of the scene";
+const DISPLAY: &str = "display values in [0, 1], with the curve of sRGB";
 
 /// The frames and tracks that were met so far.
 pub(super) struct Gallery<'a> {
@@ -95,8 +98,8 @@ impl<'a> Gallery<'a> {
         let rung = |count: u64| rungs.iter().find(|(own, _)| *own == count as f64).map(|(_, place)| *place);
         let timed = |(place, (frame, counts)): (usize, (&Frame, &Counts))| {
             // Rungs and states follow each other; other images were made from a rung.
-            let follows = frame.track == 0 || self.tracks[frame.track].between.is_some();
-            let before = if follows { self.kin(place) } else { None };
+            let follows = counts.at.is_some() && (frame.track == 0 || self.tracks[frame.track].between.is_some());
+            let before = if follows { self.kin(place) } else { frame.before };
             Frame { tau: tau(counts.at), before: before.or(counts.from.and_then(rung)), ..frame.clone() }
         };
         (self.frames.iter().zip(&self.counts).enumerate().map(timed).collect(), self.tracks.clone())
@@ -155,6 +158,9 @@ impl<'a> Gallery<'a> {
         }
         for output in &family.gbuffers {
             self.gbuffer(*output, &mut growing)?;
+        }
+        for output in &family.generated {
+            self.generated(*output, &mut growing)?;
         }
         Ok(growing.scene)
     }
@@ -326,6 +332,35 @@ impl<'a> Gallery<'a> {
                     self.first = Some(frame);
                 }
                 growing.scene.images.push((frame, image));
+            }
+        }
+        Ok(())
+    }
+
+    /// A sample of a generative backbone in all variants, each compared with the frozen one, and how they came about.
+    fn generated(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
+        for (key, artifact) in self.items(output, growing.name) {
+            let generated = self.read(output, &key, |ctx| Generated::load(ctx, &artifact))?;
+            let mut frozen = None;
+            for its in generated.variants {
+                let (label, place) = (its.variant.label(), its.variant as u64);
+                let track = self.track(&self.name(output, &key, ""), DISPLAY);
+                let frame = self.frame(track, label, Content::Display, (place, Counts::default()));
+                if its.variant == Variant::Frozen {
+                    frozen = Some(frame);
+                    growing.scene.reference = frozen;
+                } else {
+                    self.frames[frame].before = frozen;
+                    self.begin_at(output, frame);
+                }
+                growing.scene.images.push((frame, its.image));
+                for own in its.frames {
+                    let track = self.track(&self.name(output, &key, &format!("trajectory, {label}")), DISPLAY);
+                    let label = format!("step {}", own.step);
+                    let frame = self.frame(track, &label, Content::Display, (own.step, Counts::default()));
+                    self.frames[frame].before = self.kin(frame);
+                    growing.scene.images.push((frame, own.image));
+                }
             }
         }
         Ok(())

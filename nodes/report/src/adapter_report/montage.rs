@@ -1,17 +1,20 @@
 //! The paired montage: frozen, adapted, their difference, and the controls, sample by sample.
 
+use super::{album::image_of, samples::ByBackbone};
 use crate::{
     font,
     montage::{centred, paste, reduce},
     page::{Section, tabs},
-    text::{escape, png_uri},
+    sections::montage::linked,
+    shelf::Viewer,
+    text::{escape, plural, png_uri},
 };
-use std::{collections::BTreeMap, fmt::Write as _};
-use tauflow_contract::{Context, Handle, Items, KindError};
+use std::fmt::Write as _;
+use tauflow_contract::{Context, KindError};
 use tauflow_data::{
     Image,
     image_io::encode_png,
-    records::{Generated, GeneratedMeta, Variant},
+    records::{Generated, Variant},
 };
 
 /// How much differences are enlarged.
@@ -24,20 +27,17 @@ pub(super) struct Montage {
     /// Name of its PNG.
     pub(super) file: String,
     heads: Vec<&'static str>,
-    rows: Vec<(u64, Vec<Image>)>,
+    rows: Vec<Row>,
 }
 
-/// The samples of each backbone, by number.
-pub(super) type ByBackbone<'a> = BTreeMap<String, BTreeMap<u64, (GeneratedMeta, Handle<'a, Generated>)>>;
-
-/// Sorts samples by backbone and number.
-pub(super) fn by_backbone<'a>(ctx: &Context<'_>, items: Items<'a, Generated>) -> Result<ByBackbone<'a>, KindError> {
-    let mut found = ByBackbone::new();
-    for (_, item) in items.iter() {
-        let meta = Generated::meta(ctx, item)?;
-        found.entry(meta.backbone.as_str().to_owned()).or_default().insert(meta.sample, (meta, item));
-    }
-    Ok(found)
+/// The pictures of a sample.
+struct Row {
+    /// Key of its item.
+    key: String,
+    /// Its number.
+    sample: u64,
+    /// Each with its frame in the viewer.
+    pictures: Vec<(Image, String)>,
 }
 
 /// By how much a picture is reduced.
@@ -51,35 +51,35 @@ pub(super) fn factor(image: &Image, pixels: usize) -> usize {
 /// If an image is missing from the store or damaged.
 pub(super) fn montages(
     ctx: &Context<'_>,
-    items: Items<'_, Generated>,
+    all: &ByBackbone<'_>,
     samples: usize,
     pixels: usize,
 ) -> Result<Vec<Montage>, KindError> {
     let mut out = Vec::new();
-    for (backbone, of) in by_backbone(ctx, items)? {
+    for (backbone, of) in all {
         let (mut heads, mut rows) = (Vec::new(), Vec::new());
-        for (sample, (meta, item)) in of.into_iter().take(samples) {
+        for sample in of.iter().take(samples) {
             ctx.check_cancelled()?;
-            let variants: Vec<Variant> = meta.variants.iter().map(|its| its.variant).collect();
+            let variants: Vec<Variant> = sample.meta.variants.iter().map(|its| its.variant).collect();
             let images: Vec<Image> =
-                variants.iter().map(|v| Generated::image(ctx, item, *v)).collect::<Result<_, KindError>>()?;
+                variants.iter().map(|v| Generated::image(ctx, sample.item, *v)).collect::<Result<_, KindError>>()?;
             let (mut own, mut row) = (Vec::new(), Vec::new());
             for (variant, image) in variants.iter().zip(&images) {
                 let by = factor(image, pixels);
                 own.push(variant.label());
-                row.push(reduce(image, by));
+                row.push((reduce(image, by), image_of(*variant)));
                 if *variant == Variant::Adapted {
                     own.push("difference");
-                    row.push(reduce(&difference(&images[0], image), by));
+                    row.push((reduce(&difference(&images[0], image), by), image_of(*variant)));
                 }
             }
             if heads.len() < own.len() {
                 heads = own;
             }
-            rows.push((sample, row));
+            rows.push(Row { key: sample.key.clone(), sample: sample.meta.sample, pictures: row });
         }
         let file = format!("montage-{backbone}.png");
-        out.push(Montage { backbone, file, heads, rows });
+        out.push(Montage { backbone: backbone.clone(), file, heads, rows });
     }
     Ok(out)
 }
@@ -101,8 +101,8 @@ impl Montage {
     pub(super) fn png(&self) -> Result<Vec<u8>, KindError> {
         const GAP: usize = 8;
         const LINE: usize = font::HEIGHT * 2 + 6;
-        let images = self.rows.iter().flat_map(|(_, row)| row);
-        let size = images.fold((1, 1), |(w, h), i| (w.max(i.width()), h.max(i.height())));
+        let images = self.rows.iter().flat_map(|row| &row.pictures);
+        let size = images.fold((1, 1), |(w, h), (i, _)| (w.max(i.width()), h.max(i.height())));
         let zoom = (192 / size.0.max(size.1)).max(1);
         let (cell_w, cell_h) = (size.0 * zoom, size.1 * zoom);
         let width = GAP + self.heads.len() * (cell_w + GAP);
@@ -111,8 +111,8 @@ impl Montage {
         for (c, head) in self.heads.iter().enumerate() {
             centred(&mut sheet, GAP + c * (cell_w + GAP), cell_w, GAP / 2, head);
         }
-        for (r, (_, row)) in self.rows.iter().enumerate() {
-            for (c, image) in row.iter().enumerate() {
+        for (r, row) in self.rows.iter().enumerate() {
+            for (c, (image, _)) in row.pictures.iter().enumerate() {
                 paste(&mut sheet, image, [GAP + c * (cell_w + GAP), GAP + LINE + r * (cell_h + GAP)], zoom);
             }
         }
@@ -124,33 +124,44 @@ impl Montage {
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub(super) fn section(montages: &[Montage]) -> Result<Option<Section>, KindError> {
+pub(super) fn section(montages: &[Montage], viewer: Option<&Viewer>) -> Result<Option<Section>, KindError> {
     if montages.is_empty() {
         return Ok(None);
     }
     let panels = montages
         .iter()
-        .map(|montage| Ok((montage.backbone.clone(), grid(montage)?)))
+        .map(|montage| Ok((montage.backbone.clone(), grid(montage, viewer)?)))
         .collect::<Result<Vec<_>, KindError>>()?;
+    let open = viewer.map_or_else(String::new, |viewer| {
+        let more = match viewer.left_out {
+            0 => String::new(),
+            left => format!(" It omits {}, which it has no room for.", plural(left as u64, "sample")),
+        };
+        format!(
+            "<p><a href=\"{}\">Open the viewer</a> to compare and zoom; every picture is a link to it.{more}</p>",
+            Viewer::FILE
+        )
+    });
     let body = format!(
         "<p>The first samples by number (not selected by quality). Each row has one seed. The difference is 0.5 + \
-         {GAIN} (adapted − frozen); grey means no change.</p>{}",
+         {GAIN} (adapted − frozen); grey means no change.</p>{open}{}",
         tabs("montage", &panels)
     );
     Ok(Some(Section::new("pictures", "Paired samples", body)))
 }
 
-fn grid(montage: &Montage) -> Result<String, KindError> {
+fn grid(montage: &Montage, viewer: Option<&Viewer>) -> Result<String, KindError> {
     let mut out =
         String::from(r#"<div class="scroll"><table class="montage" style="min-width:640px"><thead><tr><th></th>"#);
     for head in &montage.heads {
         let _ = write!(out, "<th>{}</th>", escape(head));
     }
     out.push_str("</tr></thead><tbody>");
-    for (sample, row) in &montage.rows {
+    for Row { key, sample, pictures } in &montage.rows {
         let _ = write!(out, "<tr><td>sample {sample}</td>");
-        for (image, head) in row.iter().zip(&montage.heads) {
-            out.push_str(&picture(image, &format!("{head}, sample {sample} of {}", montage.backbone))?);
+        for ((image, frame), head) in pictures.iter().zip(&montage.heads) {
+            let shown = picture(image, &format!("{head}, sample {sample} of {}", montage.backbone))?;
+            let _ = write!(out, "<td>{}</td>", linked(&shown, viewer, key, frame));
         }
         out.push_str("</tr>");
     }
@@ -158,11 +169,11 @@ fn grid(montage: &Montage) -> Result<String, KindError> {
     Ok(out)
 }
 
-/// A cell with a picture.
+/// A picture as an element.
 pub(super) fn picture(image: &Image, alt: &str) -> Result<String, KindError> {
     let (alt, width, height) = (escape(alt), image.width(), image.height());
     let source = png_uri(&encode_png(image)?);
-    Ok(format!(r#"<td><img alt="{alt}" width="{width}" height="{height}" src="{source}"></td>"#))
+    Ok(format!(r#"<img alt="{alt}" width="{width}" height="{height}" src="{source}">"#))
 }
 
 #[cfg(test)]

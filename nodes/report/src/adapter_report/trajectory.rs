@@ -1,17 +1,20 @@
 //! Trajectories: how a sample comes about, frame by frame.
 
-use super::montage::{by_backbone, factor, picture};
+use super::{
+    album::step_of,
+    montage::{factor, picture},
+    samples::{ByBackbone, Sample},
+};
 use crate::{
     montage::reduce,
     page::{Section, tabs},
+    sections::montage::linked,
+    shelf::Viewer,
     text::escape,
 };
 use std::fmt::Write as _;
-use tauflow_contract::{Context, Items, KindError};
-use tauflow_data::{
-    Image,
-    records::{Generated, Variant},
-};
+use tauflow_contract::{Context, KindError};
+use tauflow_data::{Image, records::Variant};
 
 /// Frames of a row at most; of more, some are left out evenly.
 const MOST: usize = 8;
@@ -19,6 +22,7 @@ const MOST: usize = 8;
 /// The trajectories of one sample.
 pub(super) struct Trajectory {
     backbone: String,
+    key: String,
     sample: u64,
     rows: Vec<(Variant, Vec<(u64, Image)>)>,
 }
@@ -27,15 +31,12 @@ pub(super) struct Trajectory {
 ///
 /// # Errors
 /// If an image is missing from the store or damaged.
-pub(super) fn all(ctx: &Context<'_>, items: Items<'_, Generated>, pixels: usize) -> Result<Vec<Trajectory>, KindError> {
+pub(super) fn all(ctx: &Context<'_>, all: &ByBackbone<'_>, pixels: usize) -> Result<Vec<Trajectory>, KindError> {
     let mut out = Vec::new();
-    for (backbone, of) in by_backbone(ctx, items)? {
-        let has_frames = |sample: &&(_, _)| {
-            let (meta, _): &(tauflow_data::records::GeneratedMeta, _) = sample;
-            meta.variants.iter().any(|its| !its.frames.is_empty())
-        };
-        let Some((meta, item)) = of.values().find(has_frames) else { continue };
-        let generated = item.load(ctx)?;
+    for (backbone, of) in all {
+        let has_frames = |sample: &&Sample<'_>| sample.meta.variants.iter().any(|its| !its.frames.is_empty());
+        let Some(sample) = of.iter().find(has_frames) else { continue };
+        let generated = sample.item.load(ctx)?;
         let rows = generated.variants.into_iter().filter(|its| !its.frames.is_empty()).map(|its| {
             let chosen = evenly(its.frames.len(), MOST);
             let frame = |at: usize| {
@@ -44,7 +45,8 @@ pub(super) fn all(ctx: &Context<'_>, items: Items<'_, Generated>, pixels: usize)
             };
             (its.variant, chosen.into_iter().map(frame).collect())
         });
-        out.push(Trajectory { backbone, sample: meta.sample, rows: rows.collect() });
+        let (backbone, key) = (backbone.clone(), sample.key.clone());
+        out.push(Trajectory { backbone, key, sample: sample.meta.sample, rows: rows.collect() });
     }
     Ok(out)
 }
@@ -61,12 +63,14 @@ fn evenly(number: usize, most: usize) -> Vec<usize> {
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub(super) fn section(trajectories: &[Trajectory]) -> Result<Option<Section>, KindError> {
+pub(super) fn section(trajectories: &[Trajectory], viewer: Option<&Viewer>) -> Result<Option<Section>, KindError> {
     if trajectories.is_empty() {
         return Ok(None);
     }
-    let panels =
-        trajectories.iter().map(|of| Ok((of.backbone.clone(), grid(of)?))).collect::<Result<Vec<_>, KindError>>()?;
+    let panels = trajectories
+        .iter()
+        .map(|of| Ok((of.backbone.clone(), grid(of, viewer)?)))
+        .collect::<Result<Vec<_>, KindError>>()?;
     let body = format!(
         "<p>States of the sampler after the given number of steps, clipped to display values. All rows start from the \
          same noise.</p>{}",
@@ -75,7 +79,7 @@ pub(super) fn section(trajectories: &[Trajectory]) -> Result<Option<Section>, Ki
     Ok(Some(Section::new("trajectories", "Trajectories", body)))
 }
 
-fn grid(of: &Trajectory) -> Result<String, KindError> {
+fn grid(of: &Trajectory, viewer: Option<&Viewer>) -> Result<String, KindError> {
     let mut out = String::new();
     for (variant, frames) in &of.rows {
         out.push_str(r#"<div class="scroll"><table class="montage" style="min-width:640px"><thead><tr><th></th>"#);
@@ -85,7 +89,8 @@ fn grid(of: &Trajectory) -> Result<String, KindError> {
         let _ = write!(out, "</tr></thead><tbody><tr><td>{}, sample {}</td>", escape(variant.label()), of.sample);
         for (step, image) in frames {
             let alt = format!("{}, step {step}, sample {} of {}", variant.label(), of.sample, of.backbone);
-            out.push_str(&picture(image, &alt)?);
+            let shown = linked(&picture(image, &alt)?, viewer, &of.key, &step_of(*variant, *step));
+            let _ = write!(out, "<td>{shown}</td>");
         }
         out.push_str("</tr></tbody></table></div>");
     }

@@ -1,11 +1,11 @@
 //! The head of the page: what was built, and the figures to remember.
 
 use crate::{
-    album::Viewer,
     material::Material,
     montage::Montage,
     ranking::{Standing, best_at, conditioning_name, method_name, ordered, standings},
     sections::{montage::linked, resampled},
+    shelf::Viewer,
     text::{count, escape, fixed, plural, png_uri, signed},
 };
 use std::fmt::Write as _;

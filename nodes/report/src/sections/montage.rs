@@ -1,9 +1,9 @@
 //! Pictures: strata x methods, and methods x numbers of calls.
 
 use crate::{
-    album::Viewer,
     montage::Montage,
     page::{Section, tabs},
+    shelf::Viewer,
     text::{escape, fixed, plural, png_uri},
 };
 use std::fmt::Write as _;

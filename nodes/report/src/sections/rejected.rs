@@ -4,6 +4,8 @@ use crate::{
     gate_sheets::{Sheet, explained},
     montage::reduce,
     page::{Section, tabs},
+    sections::montage::linked,
+    shelf::Viewer,
     text::{count, escape, png_uri},
 };
 use std::fmt::Write as _;
@@ -17,13 +19,13 @@ const SHOWN: usize = 12;
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn section(sheets: &[Sheet], pixels: usize) -> Result<Option<Section>, KindError> {
+pub fn section(sheets: &[Sheet], pixels: usize, viewer: Option<&Viewer>) -> Result<Option<Section>, KindError> {
     if sheets.is_empty() {
         return Ok(None);
     }
     let panel = |sheet: &Sheet| -> Result<(String, String), KindError> {
         let name = sheet.reason.as_ref().map_or("accepted".to_owned(), |reason| reason.replace('_', " "));
-        Ok((format!("{name} ({})", count(sheet.of)), grid(sheet, pixels)?))
+        Ok((format!("{name} ({})", count(sheet.of)), grid(sheet, pixels, viewer)?))
     };
     let panels = sheets.iter().map(panel).collect::<Result<Vec<_>, _>>()?;
     let body = format!(
@@ -34,7 +36,7 @@ pub fn section(sheets: &[Sheet], pixels: usize) -> Result<Option<Section>, KindE
     Ok(Some(Section::new("rejected", "Rejected scenes", body)))
 }
 
-fn grid(sheet: &Sheet, pixels: usize) -> Result<String, KindError> {
+fn grid(sheet: &Sheet, pixels: usize, viewer: Option<&Viewer>) -> Result<String, KindError> {
     let mut out = String::new();
     if let Some(reason) = &sheet.reason {
         let what = explained(reason);
@@ -52,14 +54,11 @@ fn grid(sheet: &Sheet, pixels: usize) -> Result<String, KindError> {
             0 => String::new(),
             _ => format!("; also {}", shot.also.join(", ").replace('_', " ")),
         };
-        let _ = write!(
-            out,
-            "<div title=\"{0}{1}\"><img alt=\"{0}{1}\" width=\"{w}\" height=\"{h}\" src=\"{2}\">\
-             <div class=\"psnr\">{0}</div></div>",
-            escape(&shot.scene),
-            escape(&also),
-            png_uri(&encode_png(&image)?)
-        );
+        let (scene, also) = (escape(&shot.scene), escape(&also));
+        let source = png_uri(&encode_png(&image)?);
+        let shown = format!("<img alt=\"{scene}{also}\" width=\"{w}\" height=\"{h}\" src=\"{source}\">");
+        let shown = linked(&shown, viewer, &shot.scene, "");
+        let _ = write!(out, "<div title=\"{scene}{also}\">{shown}<div class=\"psnr\">{scene}</div></div>");
     }
     out.push_str("</div>");
     Ok(out)

@@ -1,11 +1,11 @@
 //! Tables of scores by any axes: one tab for each metric, and a chart over a numeric axis of columns.
 
 use crate::{
-    album::Viewer,
     montage::Montage,
     page::{Section, tabs},
     ranking::{Rank, colour, digits, metric_name, rank},
     sections::{montage::grid, resampled},
+    shelf::Viewer,
     svg::{Plot, Scale},
     text::{count, escape, fixed, interval, plural, signed},
 };
@@ -44,7 +44,8 @@ pub fn section(tables: &[(String, ScoreTable)]) -> Option<Section> {
 /// # Errors
 /// If a picture cannot be encoded.
 pub fn pictures(
-    [methods, ladders]: [Option<&Montage>; 2],
+    methods: Option<&Montage>,
+    ladders: Option<&Montage>,
     viewer: Option<&Viewer>,
 ) -> Result<Option<Section>, KindError> {
     let mut body = String::new();

@@ -1,6 +1,6 @@
 //! The rest of the material: losses, gate, split, sampling, bridge, timings.
 
-use super::{CONDITIONINGS, METHODS, NFE, cell_key, item};
+use super::{CONDITIONINGS, LAST, METHODS, NFE, cell_key, item};
 use std::collections::BTreeMap;
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, MemoryBlobs, Silent};
 use tauflow_data::{
@@ -9,10 +9,11 @@ use tauflow_data::{
     maths::{exp, log2},
     methods::{HOLD, LOCAL_STEP, OIDN, PATH_TRACER, Parameterization},
     records::{
-        AgainstLaw, Beside, Bridge, BridgeFiles, BridgeRow, BridgeSummary, Convergence, ConvergenceRow, Estimate,
-        Ladder, LadderMeta, PictureStatistics, Quota, Rung, SamplingReport, SceneConvergence, SceneGroup,
-        SceneStatistics, SdeRow, Sides, SplitReport, StratumQuota, TimeError, TimeTo, TimedMethod, TimedPoint,
-        TimedScene, TimedSummary, TrainingLog, TrainingPoint, TrainingTiming, Verdict, VersusRendering,
+        AgainstLaw, Beside, Bridge, BridgeClock, BridgeFiles, BridgeRow, BridgeSummary, Convergence, ConvergenceRow,
+        Estimate, Ladder, LadderMeta, PictureStatistics, Quota, Rollout, RolloutState, Rung, SamplingReport,
+        SceneConvergence, SceneGroup, SceneStatistics, SdeRow, Sides, SplitReport, StratumQuota, TimeError, TimeTo,
+        TimedMethod, TimedPoint, TimedScene, TimedSummary, TrainingLog, TrainingPoint, TrainingTiming, Verdict,
+        VersusRendering,
     },
     rng::Stream,
     scene::Side,
@@ -393,6 +394,39 @@ fn convergence() -> Convergence {
     }
 }
 
+/// The ladders of the test scenes, as they were rendered.
+fn ladders(ctx: &Context<'_>, size: usize) -> Collection {
+    let meta = LadderMeta {
+        counts: vec![1, LAST],
+        width: size,
+        height: size,
+        rejected: 0,
+        mean_path_length: 2.0,
+        sampler: SamplerKind::Independent,
+        integrator: IntegratorKind::Path,
+        estimated_error: None,
+    };
+    let grey = |value: f32| Image::new(size, size, 3).map(|_| value);
+    let ladder = |(name, _): (String, Stratum)| {
+        let rungs = [1, LAST].map(|spp| Rung { spp, image: grey(0.3) }).into();
+        item(ctx, &name, &Ladder { meta: meta.clone(), rungs, variance: grey(0.04) })
+    };
+    super::scenes().into_iter().map(ladder).collect()
+}
+
+/// The states of a solver in some scenes: two calls from the first rung to the last.
+fn states(ctx: &Context<'_>, size: usize) -> Collection {
+    let method = Parameterization::McNoise.name();
+    let state = |calls: u64| {
+        let said = RolloutState { method: method.into(), from_spp: 1, nfe: 2, calls, tau: 0.5 * calls as f64 };
+        (said, Image::new(size, size, 3).map(|_| 0.2 + 0.1 * calls as f32))
+    };
+    let rollout = Rollout { clock: BridgeClock { n_min: 1, n_max: LAST }, states: [1, 2].map(state).into() };
+    let own =
+        |(name, _): (String, Stratum)| item(ctx, &format!("{}/{name}", cell_key(method, CONDITIONINGS[1])), &rollout);
+    super::scenes().into_iter().step_by(2).map(own).collect()
+}
+
 /// Every input of a report, over synthetic material; pictures of `size` x `size` pixels.
 pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collection> {
     let cancel = std::sync::atomic::AtomicBool::new(false);
@@ -415,5 +449,7 @@ pub fn all(blobs: &MemoryBlobs, size: usize) -> BTreeMap<&'static str, Collectio
         ("convergence", one(item(&ctx, "convergence", &convergence()))),
         ("time_error", one(item(&ctx, "time_error", &time_error()))),
         ("statistics", statistics(&ctx)),
+        ("ladders", ladders(&ctx, size)),
+        ("states", states(&ctx, size)),
     ])
 }

@@ -71,6 +71,8 @@ pub enum Content {
     Normal,
     /// Variance of samples.
     Variance,
+    /// Display values in [0, 1]: images that never were radiance, such as samples of generative models.
+    Display,
 }
 
 /// States of the same origin, such as the rungs of a ladder or a solver's images.

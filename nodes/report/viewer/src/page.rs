@@ -146,7 +146,7 @@ impl Page {
         self.part(format!("s{number:06}"), content.to_string())?;
         let image_of = |frame: usize| scene.images.iter().find(|(own, _)| *own == frame).map(|(_, image)| image);
         let reference = scene.reference.and_then(|frame| Some((frame, image_of(frame)?)));
-        let radiance = |frame: &usize| frames[*frame].content == Content::Radiance;
+        let radiance = |frame: &usize| matches!(frames[*frame].content, Content::Radiance | Content::Display);
         let rows = reference.map_or_else(BTreeMap::new, |(own, reference)| {
             let others = scene
                 .images
@@ -156,7 +156,10 @@ impl Page {
         });
         self.errors.push(rows);
         let face = reference.or_else(|| scene.images.iter().rev().find(|(f, _)| radiance(f)).map(|(f, i)| (*f, i)));
-        self.thumbs.push(face.map(|(frame, image)| Thumb::of(image, tracks[frames[frame].track].raw)));
+        self.thumbs.push(face.map(|(frame, image)| match frames[frame].content {
+            Content::Display => Thumb::of_display(image),
+            _ => Thumb::of(image, tracks[frames[frame].track].raw),
+        }));
         self.measures.push(scene.measures);
         let Scene { key, stratum, reasons, exposure, reference, .. } = scene;
         self.scenes.push(Listed { key, stratum, reasons, exposure, reference });

@@ -29,26 +29,36 @@ fn mean(image: &Image, columns: std::ops::Range<usize>, rows: std::ops::Range<us
 impl Thumb {
     /// A thumbnail of radiance. Raw radiance is scaled so that its mean luminance is 1/2.
     pub fn of(image: &Image, raw: bool) -> Self {
+        let last = image.channels() - 1;
+        let gain = if raw {
+            let light = |pixel: &[f32]| f64::from(luminance(&[pixel[0], pixel[1.min(last)], pixel[2.min(last)]]));
+            let lights = image.data().chunks_exact(image.channels()).map(light).filter(|v| v.is_finite());
+            let mean = lights.sum::<f64>() / (image.width() * image.height()) as f64;
+            if mean > 0.0 { (0.5 / mean) as f32 } else { 1.0 }
+        } else {
+            1.0
+        };
+        Self::shown(image, |value| preview(value * gain))
+    }
+
+    /// A thumbnail of display values.
+    pub fn of_display(image: &Image) -> Self {
+        Self::shown(image, |value| value.clamp(0.0, 1.0))
+    }
+
+    fn shown(image: &Image, tone: impl Fn(f32) -> f32) -> Self {
         let (width, height) = (image.width(), image.height());
         let longer = width.max(height).max(1);
         let side = |of: usize| if longer <= SIDE { of } else { (of * SIDE / longer).max(1) };
         let (w, h) = (side(width), side(height));
         let last = image.channels() - 1;
-        let gain = if raw {
-            let light = |pixel: &[f32]| f64::from(luminance(&[pixel[0], pixel[1.min(last)], pixel[2.min(last)]]));
-            let lights = image.data().chunks_exact(image.channels()).map(light).filter(|v| v.is_finite());
-            let mean = lights.sum::<f64>() / (width * height) as f64;
-            if mean > 0.0 { (0.5 / mean) as f32 } else { 1.0 }
-        } else {
-            1.0
-        };
         let mut bytes = Vec::with_capacity(w * h * 3);
         let span = |at: usize, of: usize, full: usize| at * full / of..((at + 1) * full / of).max(at * full / of + 1);
         for y in 0..h {
             for x in 0..w {
                 for channel in 0..3 {
                     let value = mean(image, span(x, w, width), span(y, h, height), channel.min(last));
-                    bytes.push((preview(value * gain) * 255.0 + 0.5) as u8);
+                    bytes.push((tone(value) * 255.0 + 0.5) as u8);
                 }
             }
         }
@@ -69,5 +79,7 @@ mod tests {
         let bytes = STANDARD.decode(&thumb.d).expect("base64");
         // Reinhard maps 1 to 1/2, and the gamma to 0.7297.
         assert_eq!((thumb.w, thumb.h, bytes), (2, 1, vec![186; 6]));
+        let thumb = Thumb::of_display(&image.map(|_| 0.2));
+        assert_eq!(STANDARD.decode(&thumb.d).expect("base64"), [51; 6]);
     }
 }

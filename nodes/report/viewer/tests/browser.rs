@@ -52,10 +52,12 @@ fn frames() -> (Vec<Frame>, Vec<Track>) {
     for (call, tau) in [(1, 0.6), (2, 1.0)] {
         frames.push(frame(3, &format!("call {call} of 2"), Content::Radiance, call, Some(tau)));
     }
+    frames.push(frame(4, "adapted", Content::Display, 0, None));
     for (frame, before) in [(1, 0), (2, 1), (3, 0), (5, 0), (6, 5)] {
         frames[frame].before = Some(before);
     }
-    let mut tracks: Vec<Track> = ["rungs", "refined: mc_noise", "G-buffer", "states of NFE 2"].map(track).into();
+    let mut tracks: Vec<Track> =
+        ["rungs", "refined: mc_noise", "G-buffer", "states of NFE 2", "samples"].map(track).into();
     tracks[3].between = Some(0);
     (frames, tracks)
 }
@@ -67,7 +69,7 @@ fn written(path: &Path, scenes: usize, limit: Option<usize>, small: bool) -> Wri
     for number in 0..scenes {
         let mut images = vec![(0, noisy()), (1, wild()), (2, clean()), (3, clean().map(|v| v * 0.5)), (4, noisy())];
         let half = |a: Image, b: Image| image(|x, y, k| 0.5 * (a.pixel(x, y)[k] + b.pixel(x, y)[k]));
-        images.extend([(5, half(noisy(), clean())), (6, clean())]);
+        images.extend([(5, half(noisy(), clean())), (6, clean()), (7, clean().map(|v| v.min(1.0)))]);
         if small {
             let tiny = |v: usize| Image::from_data(1, 1, 3, vec![v as f32 / 4096.0; 3]).expect("fits");
             images = vec![(0, tiny(number)), (2, tiny(0))];
@@ -249,6 +251,17 @@ fn the_shader_shows_what_the_script_computes() {
         );
         close(bytes(&browser.eval(seen)), bytes(&own), &format!("tone {tone}, {ev} EV"));
     }
+    // Display values are shown as they are, and exposed in linear light.
+    browser.eval("state.tone = 0; setExposure(0); choose('a', 7)");
+    browser.wait("now.a.frame === 7");
+    let value = browser.eval("[0, 1, 2].map((k) => 255 * valueOf(now.a, 7 * 40 + 11, k))");
+    close(bytes(&browser.eval(seen)), bytes(&value), "display values");
+    browser.eval("setExposure(-1)");
+    let half = browser.eval("[0, 1, 2].map((k) => 255 * srgb(0.5 * unsrgb(valueOf(now.a, 7 * 40 + 11, k))))");
+    assert_ne!(bytes(&value), bytes(&half));
+    close(bytes(&browser.eval(seen)), bytes(&half), "display values at half exposure");
+    browser.eval("choose('a', 0)");
+    browser.wait("now.a.frame === 0");
     for measure in ["squared", "relative", "absolute", "signed", "flip"] {
         browser.eval(&format!("state.tone = 0; setMeasure('{measure}'); setExposure(0)"));
         let own = browser.eval(

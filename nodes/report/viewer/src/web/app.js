@@ -21,7 +21,9 @@ const beforeOf = (data, frame) => {
   return before !== undefined && data.packed[before] ? before : null;
 };
 
-const kindOf = (image) => image ? { radiance: 0, albedo: 1, normal: 2, variance: 3 }[index.frames[image.frame].content] : 0;
+/// Whether a frame is what somebody would see, and no feature of it.
+const isPicture = (frame) => ["radiance", "display"].includes(index.frames[frame].content);
+const kindOf = (image) => image ? { radiance: 0, albedo: 1, normal: 2, variance: 3, display: 4 }[index.frames[image.frame].content] : 0;
 const pixelRatio = () => window.devicePixelRatio || 1;
 const gain = () => 2 ** state.ev;
 
@@ -64,7 +66,7 @@ async function refresh() {
     const data = await sceneData(scene);
     const a = nearest(data, state.a);
     // Features are compared with what is chosen, but not with the reference by themselves.
-    const b = state.mode === "direction" ? beforeOf(data, a) : nearest(data, state.b ?? (a !== null && index.frames[a].content === "radiance" ? defaultB(data) : null));
+    const b = state.mode === "direction" ? beforeOf(data, a) : nearest(data, state.b ?? (a !== null && isPicture(a) ? defaultB(data) : null));
     const images = await Promise.all([a, b].map((frame) => frame === null ? null : imageOf(data, frame)));
     if (token !== now.token) return;
     const resized = !now.a || images[0].w !== now.a.w || images[0].h !== now.a.h;
@@ -105,7 +107,7 @@ function findError() {
   if (now.error && now.error.key === key) return;
   let map;
   if (measured() === "flip") {
-    const side = (image) => (i) => shown([0, 1, 2].map((k) => valueOf(image, i, k)), gain(), state.tone === 4 ? 0 : state.tone).map(unsrgb);
+    const side = (image) => (i) => shown([0, 1, 2].map((k) => lightOf(image, i, k)), gain(), state.tone === 4 ? 0 : state.tone).map(unsrgb);
     map = flipMap(side(a), side(b), a.w, a.h);
     canvas.scalar(map, a.w, a.h);
   } else {
@@ -254,7 +256,7 @@ function setMode(mode) {
 /// Exposure so that the 99th percentile of A's largest channel is 1.
 function normalize() {
   if (!now.a) return;
-  const values = Array.from({ length: now.a.w * now.a.h }, (_, i) => Math.max(...[0, 1, 2].map((k) => valueOf(now.a, i, k))));
+  const values = Array.from({ length: now.a.w * now.a.h }, (_, i) => Math.max(...[0, 1, 2].map((k) => lightOf(now.a, i, k))));
   const known = values.filter((v) => Number.isFinite(v) && v > 0).sort((p, q) => p - q);
   if (known.length) setExposure(-Math.log2(known[Math.floor(0.99 * (known.length - 1))]));
 }

@@ -101,5 +101,8 @@ function frameName(frame) {
 /// Channel `k` of pixel `i`; images of one channel are grey.
 const valueOf = (image, i, k) => HALF[image.half[i * image.c + Math.min(k, image.c - 1)]];
 
+/// The same in linear light: display values without their curve.
+const lightOf = (image, i, k) => kindOf(image) === 4 ? unsrgb(clip(valueOf(image, i, k))) : valueOf(image, i, k);
+
 /// Luminance of pixel `i` (Rec. 709).
-const luminance = (image, i) => 0.2126 * valueOf(image, i, 0) + 0.7152 * valueOf(image, i, 1) + 0.0722 * valueOf(image, i, 2);
+const luminance = (image, i) => 0.2126 * lightOf(image, i, 0) + 0.7152 * lightOf(image, i, 1) + 0.0722 * lightOf(image, i, 2);

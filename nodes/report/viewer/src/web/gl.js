@@ -11,6 +11,7 @@ uniform float height, gain, wipe, range;
 uniform int tone, channel, show, measure, kindA, kindB;  // show: 0 A, 1 B, 2 wipe, 3 error
 out vec4 colour;
 
+vec3 unsrgb(vec3 v) { return mix(v / 12.92, pow((max(v, 0.04) + 0.055) / 1.055, vec3(2.4)), step(0.04045, v)); }
 vec3 srgb(vec3 v) { return mix(12.92 * v, 1.055 * pow(max(v, 1e-9), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, v)); }
 float luminance(vec3 v) { return dot(v, vec3(0.2126, 0.7152, 0.0722)); }
 vec3 ramp(float t) { return texture(mapRamp, vec2((clamp(t, 0.0, 1.0) * 255.0 + 0.5) / 256.0, 0.5)).rgb; }
@@ -24,6 +25,7 @@ vec3 toned(vec3 v, int kind) {
   if (kind == 1) return srgb(clamp(picked(v), 0.0, 1.0));            // albedo, without exposure
   if (kind == 2) return picked(0.5 + 0.5 * v);                       // normals
   if (kind == 3) return ramp(log2(max(luminance(v) * gain * gain, 1e-12)) / 24.0 + 0.75);  // variance
+  if (kind == 4) v = unsrgb(clamp(v, 0.0, 1.0));                     // display values
   vec3 x = picked(v) * gain;
   if (tone == 4) return ramp(log2(max(luminance(v) * gain, 1e-9)) / 12.0 + 0.5);
   if (tone == 1) { x = max(x, 0.0); return pow(x / (1.0 + x), vec3(1.0 / 2.2)); }

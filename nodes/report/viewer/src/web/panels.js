@@ -39,9 +39,9 @@ function figure(frame) {
   return value === null ? "" : `${metric.name} ${short(value)} ${metric.unit}`;
 }
 
-/// Tracks in the order of the panel: radiance first.
-const isRadiance = (track) => index.frames.some((frame) => frame.track === track && frame.content === "radiance");
-const TRACKS = index.tracks.map((_, i) => i).sort((p, q) => isRadiance(q) - isRadiance(p) || p - q);
+/// Tracks in the order of the panel: pictures first.
+const hasPictures = (track) => index.frames.some((frame, i) => frame.track === track && isPicture(i));
+const TRACKS = index.tracks.map((_, i) => i).sort((p, q) => hasPictures(q) - hasPictures(p) || p - q);
 
 function showTracks() {
   const a = now.a && now.a.frame, b = now.b && now.b.frame;
@@ -141,7 +141,7 @@ function showError() {
 function showFacts() {
   if (!now.a) return $("facts").replaceChildren();
   const { a } = now, frame = index.frames[a.frame], [absolute, relative] = a.error;
-  const space = { radiance: index.tracks[frame.track].space, albedo: "albedo", normal: "normals of the camera's frame, (n + 1)/2", variance: "variance of single samples, raw radiance" };
+  const space = { radiance: index.tracks[frame.track].space, albedo: "albedo", normal: "normals of the camera's frame, (n + 1)/2", variance: "variance of single samples, raw radiance", display: index.tracks[frame.track].space };
   const facts = [["Image", frameName(a.frame)], ["Size", `${a.w} x ${a.h}`], ["Values", space[frame.content]],
     ["Half floats", `off by at most ${short(absolute)}; relative ${short(relative)}${a.clipped ? `; ${a.clipped} values beyond 65504 were clipped` : ""}`]];
   if (index.scenes[state.scene].exposure) facts.splice(3, 0, ["Exposure", `${short(index.scenes[state.scene].exposure)} x raw radiance`]);
@@ -196,7 +196,7 @@ function showHistogram() {
     }
     return out;
   };
-  const sides = [[now.b, "#ffb454"], [now.a, "#58a6ff"]].filter(([image]) => image && kindOf(image) === 0).map(([image, colour]) => [count(image), colour]);
+  const sides = [[now.b, "#ffb454"], [now.a, "#58a6ff"]].filter(([image]) => image && isPicture(image.frame)).map(([image, colour]) => [count(image), colour]);
   const most = Math.max(1, ...sides.flatMap(([values]) => [...values]));
   for (const [values, colour] of sides) {
     context.strokeStyle = colour;
