@@ -408,7 +408,7 @@ fn the_viewer_has_variances_states_and_rejected_scenes() {
     assert!(html.contains(&format!("<a href=\"viewer.html#scene={key}&amp;")), "{key}");
     // Ladders of one cell that are packed as references are there for the viewer; several are shown side by side.
     let unique = |html: &str| {
-        let ids: Vec<&str> = html.split(" id=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        let ids: Vec<&str> = html.split("<section id=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
         assert_eq!(ids.len(), ids.iter().collect::<BTreeSet<_>>().len(), "{ids:?}");
     };
     unique(&html);
