@@ -64,7 +64,7 @@ fn by_the_reference_drawn_stops_have_the_moments_of_rendered_rungs() {
     let bridge = done.only::<BridgeFiles>("bridge").bridge;
     assert!(bridge.scenes >= 4, "{}", bridge.scenes);
     assert_eq!((bridge.setting["features"].as_str(), bridge.setting["output"].as_str()), ("plain", "values"));
-    let by_reference = |rule, log| BridgeMethod { reference: true, log, rule }.name();
+    let by_reference = |rule: &str, log| BridgeMethod { reference: true, log, rule }.name();
     let rows: BTreeMap<(&str, &str, u64), &BridgeRow> =
         bridge.rows.iter().map(|row| ((row.method.as_str(), row.stop.as_str(), row.from_spp), row)).collect();
     let drawn = by_reference(STOCHASTIC, false);
@@ -74,7 +74,7 @@ fn by_the_reference_drawn_stops_have_the_moments_of_rendered_rungs() {
         let moments = row.moments.as_ref().expect("references");
         let [variance, covariance] = [moments.excess.mean, moments.covariance_excess.mean];
         let stop = format!("{} -> {}", row.from_spp, row.to_spp);
-        let at = |rule, log| rows[&(by_reference(rule, log).as_str(), row.stop.as_str(), row.from_spp)].psnr.mean;
+        let at = |rule: &str, log| rows[&(by_reference(rule, log).as_str(), row.stop.as_str(), row.from_spp)].psnr.mean;
         let noise = Parameterization::McNoise.name();
         println!(
             "{stop}: excess of variance {:+.1}%, of covariance {:+.1}%; local step {:+.2} dB over MC noise, in log1p \

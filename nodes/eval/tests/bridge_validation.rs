@@ -261,7 +261,8 @@ fn with_references_stops_have_variances_and_covariances() {
         let moments = row.moments.as_ref().expect("references");
         let (k, m) = (row.from_spp as f64, row.to_spp as f64);
         assert!((moments.real_variance.mean - 1.0).abs() < 0.05, "{row:?}");
-        assert!((moments.real_covariance.mean - 1.0).abs() < 0.05, "{row:?}");
+        // From 1 to 10, a tenth of the variance is shared: a standard error of 4%.
+        assert!((moments.real_covariance.mean - 1.0).abs() < 0.15, "{row:?}");
         // (1 - share) of the noise of I_k is left.
         let left = match row.method.as_str() {
             HOLD => 1.0,

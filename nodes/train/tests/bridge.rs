@@ -14,7 +14,7 @@ use tauflow_data::{
 };
 use tauflow_train::{BridgeRefinement, BridgeRefinementParams, Conditioning, Space, Training, TrainingParams};
 
-const SIDE: usize = 96;
+const SIDE: usize = 192;
 const MEAN: f64 = 2.0;
 const EXPOSURE: f64 = 0.5;
 const HELD: u64 = 4096;
@@ -127,7 +127,7 @@ fn with_the_reference_the_stochastic_bridge_has_the_moments_of_real_rungs() {
     let (packed, held) = scene(SamplerKind::Independent, HELD);
     let steps = Lab::new().bridge([Space::Linear; 2], &packed, Some(&held)).expect("consistent");
     let state = |count: u64| &packed.states[count as usize - 1];
-    let by_reference = |rule| BridgeMethod { reference: true, log: false, rule }.name();
+    let by_reference = |rule: &str| BridgeMethod { reference: true, log: false, rule }.name();
     for stop @ (from, to) in stops() {
         let [variance, covariance] = moments(image(&steps.images, &by_reference(STOCHASTIC), stop), state(from));
         let [real_variance, real_covariance] = moments(state(to), state(from));

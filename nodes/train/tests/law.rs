@@ -145,7 +145,7 @@ fn factors_of_heads_are_the_least_squares_of_targets_on_states() {
             let factors = Factors::new(parameterization, counts, Law::Covariances).expect("a ladder");
             for (place, (rung, t)) in [(0, 0.0), (1, 0.4), (counts.len() - 2, 0.8)].into_iter().enumerate() {
                 let seed = [ladder as u64, place as u64];
-                let mut found = |space: Space, deviation: f64| {
+                let found = |space: Space, deviation: f64| {
                     let mut stream = Stream::new(7, &seed);
                     shares(&factors, counts, (rung, t), space, || 1.0 + deviation * stream.normal())
                 };
