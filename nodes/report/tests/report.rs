@@ -330,7 +330,7 @@ fn claims_are_told_with_their_verdicts() {
     }
     let csv = text(&files, "claims.csv");
     assert_eq!(csv.lines().count(), 1 + 5);
-    assert!(csv.lines().all(|line| line.split(',').count() == 8), "{csv}");
+    assert!(csv.lines().all(|line| line.split(',').count() == 10), "{csv}");
 }
 
 #[test]
