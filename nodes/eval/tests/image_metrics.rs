@@ -24,7 +24,7 @@ fn constant(value: f32) -> Image {
 fn run(ctx: &Context<'_>, each: &[(&'static str, &Artifact)], from: u64) -> Result<Outputs, KindError> {
     let item = ItemKey::new("L0-open-000001").expect("plain");
     let action = Action {
-        params: ImageMetricsParams { from },
+        params: ImageMetricsParams { from, ..ImageMetricsParams::default() },
         item: Some(&item),
         group: "main",
         seed: 0,

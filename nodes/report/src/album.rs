@@ -237,7 +237,8 @@ impl<'a> Album<'a> {
             let table = tables.into_iter().find(|table| table.cell == *cell);
             let Rollout { clock: own, states } = item.load(self.ctx)?;
             let time = VarianceTime::new(own.n_min, own.n_max).ok();
-            for (said, image) in states {
+            // The only state of one call is the result, which the method's own track has.
+            for (said, image) in states.into_iter().filter(|(said, _)| said.nfe > 1) {
                 let name = table.map_or_else(|| name_of(cell, &said.method), track_of);
                 let track = shelf.track(&format!("{name}: states of NFE {}", said.nfe), EXPOSED);
                 let rungs = shelf.track(RUNGS, EXPOSED);

@@ -394,6 +394,7 @@ fn the_viewer_has_variances_states_and_rejected_scenes() {
     assert_eq!((&frames[first]["before"], &frames[last]["before"]), (&json!(input), &json!(first)));
     let tau = |frame: usize| frames[frame]["tau"].as_f64().expect("a time");
     assert!((tau(first) - 0.5).abs() < 1e-9 && tau(last) == tau(reference) && tau(reference) == 1.0);
+    assert!(!frames.iter().any(|frame| frame["id"].as_str().is_some_and(|id| id.contains("states of NFE 1/"))));
     // Rejected scenes have their previews and reasons, and the pictures of the page lead to them.
     let rejected: Vec<&serde_json::Value> = index["scenes"]
         .as_array()

@@ -33,7 +33,9 @@ pub fn section(sheets: &[Sheet], pixels: usize, viewer: Option<&Viewer>) -> Resu
          the gate computed. The files <code>gate-…png</code> contain more.</p>{}",
         tabs("gate", &panels)
     );
-    Ok(Some(Section::new("rejected", "Rejected scenes", body)))
+    let title =
+        if sheets.iter().any(|sheet| sheet.reason.is_some()) { "Rejected scenes" } else { "Scenes after the gate" };
+    Ok(Some(Section::new("rejected", title, body)))
 }
 
 fn grid(sheet: &Sheet, pixels: usize, viewer: Option<&Viewer>) -> Result<String, KindError> {
