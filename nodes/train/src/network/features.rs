@@ -284,7 +284,7 @@ mod tests {
                 let found = inputs.features.into_data();
                 for (pixel, found) in found.as_slice::<f32>().expect("f32").chunks_exact(channels).enumerate() {
                     assert_eq!(found[..3], state[3 * pixel..3 * pixel + 3]);
-                    assert_eq!(found[3..], gbuffer.map_or(&[][..], |gbuffer| &gbuffer[6 * pixel..6 * pixel + 6]));
+                    assert_eq!(&found[3..], gbuffer.map_or(&[][..], |gbuffer| &gbuffer[6 * pixel..6 * pixel + 6]));
                 }
                 let seen = Encoding { features: Features::Contrast, ..encoding.clone() };
                 // No neighbours are averaged for the features, so that less is seen.
