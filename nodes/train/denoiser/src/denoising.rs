@@ -272,6 +272,7 @@ mod tests {
     use super::*;
     use std::{collections::BTreeMap, sync::atomic::AtomicBool};
     use tauflow_contract::{KindRow, MemoryBlobs, NodeKind as _, Silent};
+    use tauflow_data::Image;
     use tauflow_data::rng::Stream;
 
     fn scene() -> PackedScene {
