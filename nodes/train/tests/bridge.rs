@@ -137,9 +137,11 @@ fn with_the_reference_the_stochastic_bridge_has_the_moments_of_real_rungs() {
         // The expectation alone has k/m of the variance.
         let [expected, _] = moments(image(&steps.images, &by_reference(EXPECTATION), stop), state(from));
         assert!((expected / real_variance / (from as f64 / to as f64) - 1.0).abs() < 0.05, "{stop:?}: {expected}");
-        // Euler steps end near the expectation, and whole deltas go too far.
+        // Euler steps end near the expectation, and whole deltas go too far. From 1 to 2, the step is the whole delta.
         let left = |rule: &str| moments(image(&steps.images, &by_reference(rule), stop), state(from))[0];
-        assert!(left(LOCAL_DELTA) < left(LOCAL_STEP), "{stop:?}");
+        let (delta, step) = (left(LOCAL_DELTA), left(LOCAL_STEP));
+        let same = (delta / step - 1.0).abs() < 1e-3;
+        assert!(if stop == (1, 2) { same } else { delta < step && !same }, "{stop:?}: {delta} {step}");
     }
 }
 
