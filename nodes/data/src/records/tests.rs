@@ -214,6 +214,7 @@ fn records(ctx: &Context<'_>) {
         groups: Some(1),
         n_max: 4,
         scenes: 0,
+        setting: BTreeMap::from([("space".to_owned(), "linear".to_owned())]),
         rows: Vec::new(),
         summary: Vec::new(),
         claims: Vec::new(),
