@@ -332,7 +332,7 @@ impl LookedUp {
 pub fn tasks(pipeline: &Pipeline, lanes: &Lanes, measured: &Measured) -> Row<LaneId, Arc<Task>> {
     // Whether what a lane reads may be other content on another machine.
     let mut unlike: Row<LaneId, bool> = Row::new();
-    for lane in lanes.iter() {
+    for lane in lanes {
         // A lane stands after all that it reads.
         let is_unlike = |feed: &LaneFeed| {
             let spec = &pipeline.nodes[lanes[feed.lane].node].spec;

@@ -168,7 +168,7 @@ fn what_reads_outputs_of_one_machine_belongs_to_every_share() {
     shop.run_only(&text, "numbers");
     for share in ["1/4", "2/4", "3/4", "4/4"] {
         // Another machine each time.
-        fs::write(shop.path("site"), share[..1].to_owned()).expect("writable");
+        fs::write(shop.path("site"), &share[..1]).expect("writable");
         let share = Some(share.parse().expect("a share"));
         let ran = shop.run_with(&text, &RunOptions { share, ..RunOptions::default() }, |_, _| {});
         assert!(ran.summary.failures.is_empty(), "{:?}", ran.summary.failures);

@@ -268,7 +268,7 @@ fn layers<R: Read + Seek>(
             let offset = |axis: fn(Vec2<i32>) -> i32| {
                 i64::from(axis(header.own_attributes.layer_position)) - i64::from(axis(window.position))
             };
-            let (left, top) = (offset(|p| p.x()), offset(|p| p.y()));
+            let (left, top) = (offset(Vec2::x), offset(Vec2::y));
             for line in block.lines(&header.channels) {
                 let places = &places[line.location.channel];
                 if places.is_empty() {

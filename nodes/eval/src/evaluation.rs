@@ -332,7 +332,7 @@ struct Names<'a>(&'a [&'static str]);
 impl Names<'_> {
     /// A figure for each metric, by place and name.
     fn each<T>(self, of: impl Fn(usize, &'static str) -> T) -> BTreeMap<String, T> {
-        self.0.iter().enumerate().map(|(i, name)| ((*name).to_owned(), of(i, *name))).collect()
+        self.0.iter().enumerate().map(|(i, name)| ((*name).to_owned(), of(i, name))).collect()
     }
 
     /// The figures of an image as they enter means.

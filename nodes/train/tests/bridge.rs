@@ -107,7 +107,7 @@ fn image<'a>(images: &'a RefinedImages, method: &str, (from, to): (u64, u64)) ->
     let is = |said: &&(tauflow_data::records::RefinedImage, Image)| {
         (said.0.method.as_str(), said.0.from_spp, said.0.to_spp) == (method, from, to)
     };
-    images.iter().find(is).map(|(_, image)| image).unwrap_or_else(|| panic!("{method} {from} -> {to}"))
+    images.iter().find(is).map_or_else(|| panic!("{method} {from} -> {to}"), |(_, image)| image)
 }
 
 fn stops() -> impl Iterator<Item = (u64, u64)> {

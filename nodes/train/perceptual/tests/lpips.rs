@@ -43,7 +43,7 @@ fn lin() -> TensorFile {
 
 fn joined(trunk: &TensorFile, lin: &TensorFile) -> Result<TensorFile, String> {
     let bytes = [trunk, lin].map(|file| file.to_bytes().expect("shapes fit"));
-    let [trunk, lin] = ["alexnet.safetensors", "alex.safetensors"].map(|name| name.to_owned());
+    let [trunk, lin] = ["alexnet.safetensors", "alex.safetensors"].map(ToOwned::to_owned);
     let found = read(File { name: &trunk, bytes: &bytes[0] }, File { name: &lin, bytes: &bytes[1] });
     found.map_err(|error| error.to_string())
 }
