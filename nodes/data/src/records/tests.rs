@@ -207,6 +207,7 @@ fn records(ctx: &Context<'_>) {
     round_trip(ctx, &TrainingTiming { steps: 1, seconds: 0.5, median_step_ms: 0.5, threads: 2, machine: Value::Null });
     round_trip(ctx, &ModelFile(vec![1, 2, 3]));
     round_trip(ctx, &AdapterFile(vec![1, 2, 3]));
+    round_trip(ctx, &PerceptualFile(vec![1, 2, 3]));
     let backbone = BackboneFiles { config: "{}".into(), scheduler: Some("{ }".into()), weights: vec![1, 2] };
     assert!(round_trip(ctx, &backbone).contains_key("scheduler_config.json"));
     round_trip(ctx, &BackboneFiles { scheduler: None, ..backbone });
