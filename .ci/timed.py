@@ -15,6 +15,9 @@ import threading
 import time
 from pathlib import Path
 
+# Far more than any test program takes. One that hangs must leave the others their time.
+LIMIT_S = 1800
+
 TEST = re.compile(r"^test (\S+)(?: - should panic)? \.\.\. .*?<([0-9.]+)s>$")
 
 
@@ -57,8 +60,18 @@ def run(command: list[str]) -> int:
     ]
     for thread in threads:
         thread.start()
+    def stop() -> None:
+        note = f"part: {program_of(command[0])} was killed after {LIMIT_S} s"
+        print(note, file=sys.stderr, flush=True)
+        notes.append(note)
+        child.kill()
+
+    limit = threading.Timer(LIMIT_S, stop)
+    limit.daemon = True
+    limit.start()
     # The program's children count, as far as it waited for them.
     _, status, used = os.wait4(child.pid, 0)
+    limit.cancel()
     # A process that the program left behind may hold the pipes open, and must not hold up the other programs.
     for thread in threads:
         thread.join(timeout=10)

@@ -3,7 +3,7 @@
 
 use crate::{
     Place,
-    jobs::{Scheduler, kill_workers, noted, numbers, place, wait_until, with_hyperqueue, with_slurm},
+    jobs::{Scheduler, end_of, kill_workers, noted, numbers, place, wait_until, with_hyperqueue, with_slurm},
     json,
 };
 use std::{
@@ -55,13 +55,13 @@ fn killed_at_random(scheduler: &Scheduler, seed: u64) {
                 break Some(status);
             }
             if kills == 8 {
-                break Some(run.wait().expect("it ends"));
+                break Some(end_of(&mut run));
             }
             kills += 1;
             kill_workers(&place);
             if draws.below(3) == 0 {
                 run.kill().expect("our own");
-                run.wait().expect("it ends");
+                end_of(&mut run);
                 break None;
             }
         };
@@ -105,33 +105,55 @@ fn hyperqueue_survives_kills_at_random() {
     with_hyperqueue(|hyperqueue| killed_at_random(hyperqueue, 3));
 }
 
+/// The node of a test's Slurm takes no jobs as long as this lives.
+struct Drained<'a>(&'a Scheduler);
+
+impl<'a> Drained<'a> {
+    fn of(slurm: &'a Scheduler) -> Self {
+        let drained = Self(slurm);
+        assert!(drained.set(&["State=DRAIN", "Reason=test"]), "Slurm drains its node");
+        drained
+    }
+
+    fn set(&self, what: &[&str]) -> bool {
+        let host = Command::new("hostname").arg("-s").output().expect("hostname starts");
+        let node = format!("NodeName={}", String::from_utf8_lossy(&host.stdout).trim());
+        let mut control = Command::new("scontrol");
+        control.args(["update", &node]).args(what).envs(self.0.variables.clone());
+        control.status().is_ok_and(|status| status.success())
+    }
+}
+
+impl Drop for Drained<'_> {
+    fn drop(&mut self) {
+        // A test that fails before this would leave a node that later tests wait for.
+        let resumed = self.set(&["State=RESUME"]);
+        assert!(resumed || thread::panicking(), "Slurm resumes its node");
+    }
+}
+
 #[test]
 fn a_node_that_is_drained_ends_its_jobs_and_takes_others_later() {
     with_slurm(|slurm| {
-        let place = place(4, "1");
-        let set = |what: &[&str]| {
-            let host = Command::new("hostname").arg("-s").output().expect("hostname starts");
-            let node = format!("NodeName={}", String::from_utf8_lossy(&host.stdout).trim());
-            let mut control = Command::new("scontrol");
-            control.args(["update", &node]).args(what).envs(slurm.variables.clone());
-            assert!(control.status().expect("scontrol starts").success());
-        };
+        // So many that some are left when the node is drained, however long that takes on a busy machine.
+        let items = 12;
+        let place = place(items, "1");
         let mut run = slurm.start(&place, &["--batch", "0.1s"]);
         wait_until("a job runs", || !noted(&place, "begun").is_empty());
-        set(&["State=DRAIN", "Reason=test"]);
+        let drained = Drained::of(slurm);
         wait_until("those that had begun are done", || {
             let (begun, ended) = (noted(&place, "begun").len(), noted(&place, "ended").len());
             begun == ended
         });
         thread::sleep(Duration::from_secs(2));
         let before = noted(&place, "ended").len();
-        assert!(before < 4 && run.try_wait().expect("our own").is_none(), "the rest waits");
-        set(&["State=RESUME"]);
-        let status = run.wait().expect("it ends");
-        let err = fs::read_to_string(place.path("err")).expect("it was written");
-        assert!(status.success(), "{err}");
-        assert_eq!(noted(&place, "ended"), numbers(4), "nothing is done twice: {err}");
-        same_results(slurm, &place, 4);
+        let ended = run.try_wait().expect("our own");
+        let err = || fs::read_to_string(place.path("err")).expect("it was written");
+        assert!(before < items && ended.is_none(), "the rest waits: {before} are done; {ended:?}: {}", err());
+        drop(drained);
+        assert!(end_of(&mut run).success(), "{}", err());
+        assert_eq!(noted(&place, "ended"), numbers(items), "nothing is done twice: {}", err());
+        same_results(slurm, &place, items);
     });
 }
 
@@ -151,11 +173,25 @@ impl Small {
     }
 }
 
-/// Fills a file system, but for less than a page.
-fn fill(folder: &Path) {
-    let to = folder.join("filler").display().to_string();
-    let script = format!("dd if=/dev/zero of='{to}' bs=4096; dd if=/dev/zero of='{to}' bs=1 oflag=append conv=notrunc");
-    Command::new("sh").args(["-c", &script]).stderr(Stdio::null()).status().expect("sh starts");
+/// A file system that is full, but for less than a page, as long as this lives.
+struct Filled(PathBuf);
+
+impl Filled {
+    fn at(folder: &Path) -> Self {
+        let filler = folder.join("filler");
+        let to = filler.display();
+        let script =
+            format!("dd if=/dev/zero of='{to}' bs=4096; dd if=/dev/zero of='{to}' bs=1 oflag=append conv=notrunc");
+        Command::new("sh").args(["-c", &script]).stderr(Stdio::null()).status().expect("sh starts");
+        Self(filler)
+    }
+}
+
+impl Drop for Filled {
+    fn drop(&mut self) {
+        let removed = fs::remove_file(&self.0);
+        assert!(removed.is_ok() || thread::panicking(), "{removed:?}");
+    }
 }
 
 impl Drop for Small {
@@ -174,10 +210,10 @@ fn a_full_folder_of_jobs_loses_no_result() {
     let mut run = Scheduler::shell().start(&place, &["--jobs", "1", "--batch", "100s", "--retries", "100"]);
     wait_until("an action is done", || !noted(&place, "ended").is_empty());
     // Jobs cannot tell any more that they are done, but their results are recorded.
-    fill(&jobs);
+    let filled = Filled::at(&jobs);
     wait_until("all are done", || noted(&place, "ended").len() == 4);
-    fs::remove_file(jobs.join("filler")).expect("it is there");
-    let ended = run.wait().expect("it ends").success();
+    drop(filled);
+    let ended = end_of(&mut run).success();
     let err = fs::read_to_string(place.path("err")).expect("it was written");
     // While it was full, the run may have had no room for the next jobs, and said so.
     assert!(ended || err.contains("cannot write jobs to") && err.contains("No space left"), "{err}");
@@ -198,11 +234,11 @@ fn a_full_spool_of_slurm_is_waited_for() {
         let place = place(3, "1");
         let mut run = slurm.start(&place, &["--jobs", "1", "--batch", "0.1s"]);
         wait_until("a job runs", || !noted(&place, "begun").is_empty());
-        fill(&state);
+        let filled = Filled::at(&state);
         let err = || fs::read_to_string(place.path("err")).expect("it was written");
         wait_until("Slurm takes no job", || err().contains("trying again"));
-        fs::remove_file(state.join("filler")).expect("it is there");
-        let status = run.wait().expect("it ends");
+        drop(filled);
+        let status = end_of(&mut run);
         assert!(status.success(), "{}", err());
         assert_eq!(noted(&place, "ended"), numbers(3), "nothing is done twice: {}", err());
         same_results(slurm, &place, 3);

@@ -7,7 +7,8 @@ use crate::{Place, Said};
 use schedulers::{HyperQueue, Slurm};
 use std::{
     fs,
-    process::{Child, Command, Stdio},
+    io::Read,
+    process::{Child, Command, ExitStatus, Output, Stdio},
     sync::{Mutex, OnceLock},
     thread,
     time::{Duration, Instant},
@@ -109,7 +110,19 @@ impl Scheduler {
     }
 
     pub(crate) fn run(&self, place: &Place, more: &[&str]) -> Said {
-        Said::of(&self.command(place, more).output().expect("the program starts"))
+        let mut command = self.command(place, more);
+        let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+        let read = |mut pipe: Box<dyn Read + Send>| {
+            thread::spawn(move || {
+                let mut bytes = Vec::new();
+                pipe.read_to_end(&mut bytes).map(|_| bytes)
+            })
+        };
+        let (out, err) = (run.stdout.take().expect("a pipe"), run.stderr.take().expect("a pipe"));
+        let (out, err) = (read(Box::new(out)), read(Box::new(err)));
+        let status = end_of(&mut run);
+        let [stdout, stderr] = [out, err].map(|read| read.join().expect("it reads").expect("readable"));
+        Said::of(&Output { status, stdout, stderr })
     }
 
     pub(crate) fn start(&self, place: &Place, more: &[&str]) -> Child {
@@ -135,6 +148,23 @@ pub(crate) fn with_hyperqueue(test: impl FnOnce(&Scheduler)) {
     };
     let options = vec!["--executor", "hyperqueue", "--poll-every", "0.5s"];
     test(&Scheduler { options, variables: hyperqueue.variables() });
+}
+
+/// How a run ends. One that takes far too long is killed: its scheduler may never start its jobs.
+pub(crate) fn end_of(run: &mut Child) -> ExitStatus {
+    let begun = Instant::now();
+    loop {
+        if let Some(status) = run.try_wait().expect("our own") {
+            return status;
+        }
+        if begun.elapsed() > Duration::from_secs(300) {
+            run.kill().expect("our own");
+            let status = run.wait().expect("it ends");
+            eprintln!("a run was killed that had not ended after five minutes");
+            return status;
+        }
+        thread::sleep(Duration::from_millis(20));
+    }
 }
 
 pub(crate) fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
@@ -196,7 +226,7 @@ fn ctrl_c_cancels_jobs(scheduler: &Scheduler) {
     wait_until("a job runs", || !noted(&place, "begun").is_empty());
     let interrupt = Command::new("kill").args(["-INT", &run.id().to_string()]).status().expect("kill starts");
     assert!(interrupt.success());
-    assert_eq!(run.wait().expect("it ends").code(), Some(130));
+    assert_eq!(end_of(&mut run).code(), Some(130));
     let err = fs::read_to_string(place.path("err")).expect("it was written");
     assert!(err.contains("stopped; to resume") && !err.contains("warning"), "{err}");
     let folder = place.path("").display().to_string();
@@ -213,7 +243,7 @@ fn a_job_that_is_killed_runs_again(scheduler: &Scheduler, kill: impl Fn(&Place))
     let mut run = scheduler.start(&place, &["--jobs", "1", "--batch", "100s"]);
     wait_until("a job runs", || !noted(&place, "begun").is_empty());
     kill(&place);
-    let status = run.wait().expect("it ends");
+    let status = end_of(&mut run);
     let err = fs::read_to_string(place.path("err")).expect("it was written");
     assert!(status.success() && err.contains("ended before it was done") && err.contains("it runs again"), "{err}");
     assert_eq!(noted(&place, "ended"), numbers(3), "{err}");
@@ -225,7 +255,7 @@ fn a_job_that_is_killed_runs_again(scheduler: &Scheduler, kill: impl Fn(&Place))
     let mut run = scheduler.start(&place, &["--jobs", "1", "--batch", "100s", "--retries", "0"]);
     wait_until("a job runs", || !noted(&place, "begun").is_empty());
     kill(&place);
-    let status = run.wait().expect("it ends");
+    let status = end_of(&mut run);
     let err = fs::read_to_string(place.path("err")).expect("it was written");
     assert!(status.code() == Some(1) && err.contains("at attempt 1"), "{err}");
     assert_eq!(noted(&place, "ended").len(), 2, "{err}");

@@ -2,7 +2,7 @@
 
 use crate::{
     Place,
-    jobs::{Scheduler, noted, numbers, place, the_same_with, wait_until, with_hyperqueue, with_slurm},
+    jobs::{Scheduler, end_of, noted, numbers, place, the_same_with, wait_until, with_hyperqueue, with_slurm},
 };
 use std::{
     fs,
@@ -82,7 +82,7 @@ fn jobs_that_cannot_see_the_cache_of_the_run_work_and_are_done_again_only_if_the
     wait_until("a job runs", || !noted(&place, "begun").is_empty());
     // Its processes name the other cache.
     kill_those(&place.path("workers"));
-    let status = run.wait().expect("it ends");
+    let status = end_of(&mut run);
     let err = fs::read_to_string(place.path("err")).expect("it was written");
     assert!(status.success() && err.contains("it runs again"), "{err}");
     assert_eq!(noted(&place, "ended"), numbers(3), "{err}");

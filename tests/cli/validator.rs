@@ -12,6 +12,7 @@ const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
 const USE: &str = "^\\$[A-Za-z_][A-Za-z0-9_-]*$";
 /// The pattern of names of strata.
 const STRATUM: &str = "^[A-Za-z0-9][A-Za-z0-9_.-]*$";
+const METHOD: &str = "^[A-Za-z0-9_+-][A-Za-z0-9_.+-]*$";
 
 /// What is wrong with `value`, a line each, with its place.
 pub fn problems(root: &Value, value: &Value) -> Vec<String> {
@@ -98,8 +99,16 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str, found: &mut V
                 }
             }
             "pattern" => {
-                assert!([NAME, USE, STRATUM].iter().any(|known| rule == known), "the validator does not know {rule}");
+                assert!(
+                    [NAME, USE, STRATUM, METHOD].iter().any(|known| rule == known),
+                    "the validator does not know {rule}"
+                );
                 let fine = |text: &str| {
+                    if *rule == METHOD {
+                        return !text.is_empty()
+                            && !text.starts_with('.')
+                            && text.chars().all(|c| c.is_ascii_alphanumeric() || "_.+-".contains(c));
+                    }
                     if *rule == STRATUM {
                         return text.starts_with(|c: char| c.is_ascii_alphanumeric())
                             && text.chars().all(|c| c.is_ascii_alphanumeric() || "_.-".contains(c));

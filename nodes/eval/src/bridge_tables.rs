@@ -79,7 +79,7 @@ fn columns(scenes: &[SceneCases]) -> Result<Vec<Column<'_>>, KindError> {
     Ok(columns)
 }
 
-/// What the paper says of MC noise at each kind of stop, and how it compares with Euler steps; in each space.
+/// The paper's claims about MC noise at each kind of stop, and a comparison with Euler steps; in each space.
 ///
 /// The paper's local step adds the predicted difference to the next rung at each stop: [`LOCAL_DELTA`].
 fn claims(columns: &[Column<'_>], setting: &BTreeMap<String, String>, resampled: &Resampled) -> Vec<Claim> {

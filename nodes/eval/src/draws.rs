@@ -8,7 +8,7 @@ const WITHIN: f64 = 0.95;
 
 /// The number of standard errors that a 95% interval extends to both sides, for so many degrees of freedom.
 ///
-/// With t = sqrt(freedom) tan a, the density of a is proportional to cos(a)^(freedom - 1).
+/// The substitution t = sqrt(freedom) tan a makes the density of a proportional to cos(a)^(freedom - 1).
 pub(crate) fn t_quantile(freedom: f64) -> f64 {
     let density = |angle: f64| {
         let base = cos(angle);

@@ -49,7 +49,7 @@ pub(crate) fn more(also: &[OnRequest], scales: u64) -> More {
     }
 }
 
-/// What is wrong with the params themselves.
+/// Problems of the params themselves.
 pub(crate) fn check(also: &[OnRequest], scales: u64) -> Vec<ParamProblem> {
     let twice = also.iter().enumerate().filter(|(place, metric)| also[..*place].contains(metric));
     let mut problems: Vec<ParamProblem> = twice

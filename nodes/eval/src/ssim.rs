@@ -223,7 +223,7 @@ mod tests {
     fn one_scale_is_ssim_and_equal_images_have_1() {
         let (a, b) = (noise(1, 48), noise(2, 48));
         let of = |scales| ms_ssim(&a, &b, scales);
-        // Of one scale the weight is 1.
+        // A single scale has the weight 1.
         assert!((of(1) - ssim(&a, &b, 0, &Moments::of(&b, 0)).max(0.0)).abs() < 1e-15);
         assert!((1..=3).all(|scales| (ms_ssim(&a, &a, scales) - 1.0).abs() < 1e-12));
         assert!(of(3) < 0.5 && of(3) >= 0.0);

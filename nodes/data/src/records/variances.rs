@@ -21,7 +21,7 @@ pub struct Variances {
 #[derive(Serialize, Deserialize)]
 struct Meta {
     counts: Vec<u64>,
-    /// That images hold variances of single samples.
+    /// Whether images hold variances of single samples.
     per_sample: bool,
     #[serde(flatten)]
     values: Option<Values>,

@@ -1,4 +1,4 @@
-//! What is sure to be wrong with a table before its scores exist: metrics and axes that they lack, and axes that are
+//! Problems of a table that are certain before its scores exist: metrics and axes that they lack, and axes that are
 //! left over.
 
 use super::{

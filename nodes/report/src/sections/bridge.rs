@@ -268,22 +268,11 @@ fn moments(bridge: &Bridge) -> String {
 /// What names of strips contain.
 const STRIP: &str = "/strip-";
 
-/// The strips of the first scenes, one row a stop.
-fn strips(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
-    let mut folders: BTreeMap<&str, Vec<(&str, &[u8])>> = BTreeMap::new();
-    for (name, png) in maps {
-        if let Some((folder, file)) = name.split_once(STRIP) {
-            folders.entry(folder).or_default().push((file.trim_end_matches(".png"), png));
-        }
-    }
-    if folders.is_empty() || scenes == 0 {
-        return String::new();
-    }
-    let mut out = String::from(
-        "<h3>Bridge stops of MC noise</h3><p>From left to right: the input I<sub>k</sub>, the stop, the rendered rung \
-         I<sub>m</sub>, the update (grey is none), and the absolute difference of the stop to I<sub>m</sub> (black is \
-         none, white the largest).</p>",
-    );
+/// Names and PNGs of pictures, by folder.
+type Folders<'a> = BTreeMap<&'a str, Vec<(&'a str, &'a [u8])>>;
+
+/// The pictures of the first scenes; those of the first one are open.
+fn pictures(out: &mut String, folders: Folders<'_>, scenes: usize) {
     for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
         let open = if i == 0 { " open" } else { "" };
         let _ = write!(out, "<details{open}><summary>{}</summary><div class=\"maps\">", escape(folder));
@@ -298,6 +287,25 @@ fn strips(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
         }
         out.push_str("</div></details>");
     }
+}
+
+/// The strips of the first scenes, one row a stop.
+fn strips(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
+    let mut folders = Folders::new();
+    for (name, png) in maps {
+        if let Some((folder, file)) = name.split_once(STRIP) {
+            folders.entry(folder).or_default().push((file.trim_end_matches(".png"), png));
+        }
+    }
+    if folders.is_empty() || scenes == 0 {
+        return String::new();
+    }
+    let mut out = String::from(
+        "<h3>Bridge stops of MC noise</h3><p>From left to right: the input I<sub>k</sub>, the stop, the rendered rung \
+         I<sub>m</sub>, the update (grey is none), and the absolute difference of the stop to I<sub>m</sub> (black is \
+         none, white the largest).</p>",
+    );
+    pictures(&mut out, folders, scenes);
     out
 }
 
@@ -311,7 +319,7 @@ fn map_name(file: &str) -> String {
 
 /// The maps of the first scenes, by folder.
 fn maps(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
-    let mut folders: BTreeMap<&str, Vec<(&str, &[u8])>> = BTreeMap::new();
+    let mut folders = Folders::new();
     for (name, png) in maps {
         let (folder, file) = name.split_once('/').unwrap_or(("", name));
         folders.entry(folder).or_default().push((file.trim_end_matches(".png"), png));
@@ -326,20 +334,7 @@ fn maps(maps: &BTreeMap<String, Vec<u8>>, scenes: usize) -> String {
          darker less light, and a tint a change of colour. Lower row: absolute difference to I<sub>m</sub> for hold \
          and for each method, from black (none) through red and yellow to white (largest).</p>",
     );
-    for (i, (folder, files)) in folders.into_iter().take(scenes).enumerate() {
-        let open = if i == 0 { " open" } else { "" };
-        let _ = write!(out, "<details{open}><summary>{}</summary><div class=\"maps\">", escape(folder));
-        for (file, png) in files {
-            let name = map_name(file);
-            let _ = write!(
-                out,
-                "<figure><img alt=\"{0}\" src=\"{1}\"><figcaption>{0}</figcaption></figure>",
-                escape(&name),
-                png_uri(png)
-            );
-        }
-        out.push_str("</div></details>");
-    }
+    pictures(&mut out, folders, scenes);
     if more > 0 {
         let _ = write!(
             out,
