@@ -114,7 +114,7 @@ pub fn read_exr(path: &Path) -> std::result::Result<BTreeMap<String, Image>, Dat
     read_exr_layers(path, &|_| true)
 }
 
-/// Those layers of a file whose names are wanted. Memory is that of these layers, whatever else the file holds.
+/// The layers of a file whose names are wanted. Only these take memory.
 ///
 /// # Errors
 /// As [`read_exr`], whether or not a layer is wanted.
