@@ -37,7 +37,7 @@ pub fn tabs(name: &str, panels: &[(String, String)]) -> String {
     if let [(_, only)] = panels {
         return only.clone();
     }
-    let mut out = format!(r#"<div class="tabs" id="{name}">"#);
+    let mut out = format!(r#"<div class="tabs" id="tabs-{name}">"#);
     for (i, (label, _)) in panels.iter().enumerate() {
         let checked = if i == 0 { " checked" } else { "" };
         let _ = write!(
