@@ -24,7 +24,7 @@ pub fn schema(registry: &Registry) -> Value {
             "then": { "properties": {
                 "kind": { "description": spec.summary },
                 "params": or_named(json!({ "$ref": format!("#/$defs/{}", params_name(spec.name)) })),
-                "inputs": or_named(inputs(&spec)),
+                "inputs": or_named(inputs(&spec, kind.port_params())),
             } },
         }));
     }
@@ -180,7 +180,11 @@ fn params_name(kind: &str) -> String {
     format!("params_{kind}")
 }
 
-fn inputs(spec: &KindSpec) -> Value {
+fn inputs(spec: &KindSpec, port_params: &[&str]) -> Value {
+    // The params of such a node declare its ports.
+    if spec.inputs.is_empty() && !port_params.is_empty() {
+        return json!({ "type": "object", "additionalProperties": { "$ref": "#/$defs/reference" } });
+    }
     let properties: Map<String, Value> = spec
         .inputs
         .iter()
