@@ -39,6 +39,7 @@ use std::{
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
+use tauflow_cache::persist;
 use tauflow_contract::{Determinism, Digest, read_regular};
 
 /// Directory of the records below the cache directory.
@@ -270,11 +271,7 @@ impl RunRecord {
         let folder = cache.join(FOLDER);
         let path = path_of(&folder, &self.id);
         let failed = |source| RunsError::Io { what: "write", path: path.clone(), source };
-        own(&folder)
-            .and_then(|()| self.temporary(&folder))
-            .map_err(failed)?
-            .persist(&path)
-            .map_err(|e| failed(e.error))?;
+        own(&folder).and_then(|()| self.temporary(&folder)).and_then(|file| persist(file, &path)).map_err(failed)?;
         live::remove(cache, &self.id);
         Ok(())
     }

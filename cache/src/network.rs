@@ -5,6 +5,7 @@
 
 use nix::{libc, sys::statfs::statfs};
 use std::{fs, io, os::unix::fs::MetadataExt, path::Path};
+use tempfile::NamedTempFile;
 
 /// Types of file systems that several machines can share, as `statfs` numbers them.
 const NETWORKS: [(i64, &str); 12] = [
@@ -49,8 +50,20 @@ pub fn has_no_locks(error: &io::Error) -> bool {
         || error.kind() == io::ErrorKind::Unsupported
 }
 
+/// Puts a temporary file in place of the file of this name, or at it, with [`rename`].
+///
+/// # Errors
+/// If it cannot be renamed; the temporary file is removed.
+pub fn persist(file: NamedTempFile, to: &Path) -> io::Result<()> {
+    let path = file.into_temp_path();
+    rename(&path, to)
+}
+
 /// Renames a file. A rename that is reported as failed counts as done if the file has its new name.
-pub(crate) fn rename(from: &Path, to: &Path) -> io::Result<()> {
+///
+/// # Errors
+/// If it cannot be renamed.
+pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     let before = fs::symlink_metadata(from)?;
     fs::rename(from, to).or_else(|error| {
         let after = fs::symlink_metadata(to);

@@ -97,6 +97,9 @@ pub(crate) struct RunArgs {
     /// Copy the results of the pipeline to the upstream at the end, as `cache push PIPELINE` does.
     #[arg(long)]
     push: bool,
+    /// Sign what --push writes with the secret key in this file, which `cache keygen FILE` makes.
+    #[arg(long, value_name = "FILE", requires = "push")]
+    sign: Option<PathBuf>,
     /// Print machine-readable events on stdout, one per line.
     #[arg(long, value_enum, value_name = "FORMAT")]
     events: Option<EventFormat>,
@@ -124,7 +127,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         return Err(CliError::Bad(message.into()));
     }
     if args.push {
-        upstream::prepare(cache)?;
+        upstream::prepare(cache, args.sign.as_deref())?;
     }
     let pipeline = args.pipeline.resolve(registry)?;
     let before = if args.locked { Some(Lock::read(&args.lock_path())?) } else { None };
@@ -213,7 +216,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         return Ok(Exit::Interrupted);
     }
     if args.push {
-        upstream::publish(&pipeline, registry, cache)?;
+        upstream::publish(&pipeline, registry, cache, args.sign.as_deref())?;
     }
     if !summary.failures.is_empty() {
         if args.locked || args.update_lock {

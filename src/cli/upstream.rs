@@ -84,6 +84,26 @@ fn created(at: &CacheAt) -> Result<Upstream, CliError> {
     Ok(Upstream::create(&required(at)?)?.keeping(&kept(at)).pinned(at.upstream_key()?))
 }
 
+/// The key that signs what is written. Nobody who pins the upstream uses packs without its signature.
+fn signer(at: &CacheAt, file: Option<&Path>) -> Result<Option<SecretKey>, CliError> {
+    if file.is_none() && at.upstream_key()?.is_some() {
+        return Err(CliError::Bad(
+            "the upstream is pinned to a key, and results that are pushed without its signature are not used: add \
+             --sign FILE, or do not push"
+                .into(),
+        ));
+    }
+    Ok(file.map(SecretKey::read).transpose()?)
+}
+
+/// The upstream that signs with this key.
+fn signing(upstream: Upstream, key: Option<SecretKey>) -> Result<Upstream, CliError> {
+    Ok(match key {
+        Some(key) => upstream.signing(key)?,
+        None => upstream,
+    })
+}
+
 /// Where indices of object stores are kept.
 fn kept(at: &CacheAt) -> PathBuf {
     at.folder().join("upstream")
@@ -199,7 +219,7 @@ fn lines(pushed: &Pushed, verb: &str) -> Vec<String> {
 
 pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result<Exit, CliError> {
     required(at)?;
-    let key = args.sign.as_deref().map(SecretKey::read).transpose()?;
+    let key = signer(at, args.sign.as_deref())?;
     let store = super::cache::made(at)?;
     let keys = match &args.pipeline {
         None => tauflow_upstream::all(&store, PUSHED),
@@ -213,8 +233,7 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
     let machines = if args.all { tauflow_upstream::all(&store, &[engine::MACHINE]) } else { Vec::new() };
     let keys = [keys, machines].concat();
     // Where there is no upstream yet, a dry run has nothing to compare with, and makes none.
-    let upstream = if args.dry_run { opened(at)? } else { created(at)? };
-    let upstream = if let Some(key) = key { upstream.signing(key)? } else { upstream };
+    let upstream = signing(if args.dry_run { opened(at)? } else { created(at)? }, key)?;
     let free = |record: &Record| args.all || engine::holds_anywhere(record, registry);
     let pushed = send(&store, &upstream, &keys, &free, args.dry_run)?;
     lines(&pushed, if args.dry_run { "would push" } else { "pushed" }).iter().for_each(|line| outln!("{line}"));
@@ -222,11 +241,17 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
     Ok(noted(&pushed.notes))
 }
 
-/// Publishes the results of a pipeline at the end of its run. The error says that they were not published.
-pub(crate) fn publish(pipeline: &Pipeline, registry: &Registry, at: &CacheAt) -> Result<(), CliError> {
+/// Publishes the results of a pipeline at the end of its run, signed with the key in a file. The error says that they
+/// were not published.
+pub(crate) fn publish(
+    pipeline: &Pipeline,
+    registry: &Registry,
+    at: &CacheAt,
+    sign: Option<&Path>,
+) -> Result<(), CliError> {
     let store = at.alone()?;
     let send = || -> Result<Pushed, CliError> {
-        let upstream = created(at)?;
+        let upstream = signing(created(at)?, signer(at, sign)?)?;
         let keys = engine::reached(pipeline, &store)?;
         let pushed = send(&store, &upstream, &keys, &|record| engine::holds_anywhere(record, registry), false);
         tell_traffic(&upstream);
@@ -250,6 +275,13 @@ struct Notes {
 /// What carries batches and results through the upstream.
 pub(crate) fn courier(at: &CacheAt) -> Result<Arc<dyn Courier>, CliError> {
     required(at)?;
+    if at.upstream_key()?.is_some() {
+        return Err(CliError::Bad(
+            "--worker-cache: jobs do not sign their results, and an upstream with a key serves signed ones \
+             only; use another upstream without a key, or a cache that all machines share"
+                .into(),
+        ));
+    }
     let lost = || CliError::Environment("the upstream cannot be read".into());
     let (sender, reader) = (Sender::new(created(at)?), at.reader()?.ok_or_else(lost)?);
     Ok(Arc::new(Notes { sender, reader }))
@@ -278,8 +310,9 @@ impl Courier for Notes {
 }
 
 /// Makes the upstream to which results are to be published, unless it is there. A run is not to fail at its end.
-pub(crate) fn prepare(at: &CacheAt) -> Result<(), CliError> {
-    created(at).map(drop)
+pub(crate) fn prepare(at: &CacheAt, sign: Option<&Path>) -> Result<(), CliError> {
+    let key = signer(at, sign)?;
+    signing(created(at)?, key).map(drop)
 }
 
 pub(crate) fn pull(at: &CacheAt) -> Result<Exit, CliError> {

@@ -20,6 +20,7 @@ use std::{
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
+use tauflow_cache::persist;
 use tauflow_contract::read_regular;
 
 /// Version of this format.
@@ -199,8 +200,7 @@ impl LiveState {
         let mode = fs::Permissions::from_mode(0o666);
         let mut temporary = tempfile::Builder::new().permissions(mode).tempfile_in(&folder).map_err(failed)?;
         temporary.write_all(&text).map_err(failed)?;
-        temporary.persist(&path).map_err(|e| failed(e.error))?;
-        Ok(())
+        persist(temporary, &path).map_err(failed)
     }
 
     /// The numbers of its nodes, as a record has them.

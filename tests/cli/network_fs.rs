@@ -3,7 +3,7 @@
 #[path = "../support/nfs.rs"]
 mod nfs;
 
-use crate::{Place, Said};
+use crate::{Place, Said, jobs::SHELL};
 use fuser::BackgroundSession;
 use nfs::{Habits, STALE, mount};
 use std::{
@@ -140,4 +140,31 @@ fn runs_on_a_file_system_without_locks_say_so_and_share_results() {
     assert!(stat.out.contains("on FUSE, with"), "{}", stat.out);
     let refused = on("b", &["cache", "gc", "--max-size", "1KB"]);
     assert!(refused.code != 0 && refused.err.contains("on the machine that has the disk"), "{refused:?}");
+}
+
+#[test]
+fn jobs_and_upstreams_work_on_a_file_system_that_lists_late_and_loses_answers() {
+    let Some(lab) = Lab::new(false) else { return };
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+    let on = |machine: &str, arguments: &[&str]| {
+        let upstream = lab.path(machine).with_file_name("upstream").display().to_string();
+        let mut command = place.command(&[arguments, &["--upstream", &upstream]].concat());
+        Said::of(&command.output().expect("the program starts"))
+    };
+    // Jobs in a cache on this file system, which then publish to an upstream on it.
+    let shared = lab.path("a").display().to_string();
+    let run = ["run", "small.yaml", "--locked", "--push", "--cache", &shared];
+    let first = on("a", &[&run[..], &SHELL].concat()).ends(0);
+    assert!(first.err.contains("small.lock agrees") && first.err.contains("pushed "), "{}", first.err);
+    assert!(!first.err.contains("warning"), "{}", first.err);
+    // Jobs that share nothing but the upstream.
+    let (own, workers) = (place.path("own").display().to_string(), place.path("workers").display().to_string());
+    let apart = ["run", "small.yaml", "--cache", &own, "--worker-cache", &workers, "--set", "scenes.pool=9"];
+    let second = on("b", &[&apart[..], &SHELL].concat()).ends(0);
+    assert!(second.err.contains("jobs: ") && !second.err.contains("warning"), "{}", second.err);
+    thread::sleep(STALE);
+    let third = place.path("third").display().to_string();
+    let third = on("b", &["run", "small.yaml", "--locked", "--cache", &third]).ends(0);
+    assert!(third.err.contains("nothing to do"), "{}", third.err);
 }

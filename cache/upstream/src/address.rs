@@ -59,9 +59,16 @@ impl FromStr for Address {
     type Err = UpstreamError;
 
     fn from_str(text: &str) -> Result<Self, UpstreamError> {
-        let Some((scheme, rest)) = text.split_once("://") else { return Ok(Self::Folder(PathBuf::from(text))) };
         // The text is not repeated where it may contain a password.
         let wrong = |why: String| UpstreamError::Address { why };
+        let Some((scheme, rest)) = text.split_once("://") else {
+            if let Some((name, _)) = SERVICES.iter().find(|(name, _)| text.starts_with(&format!("{name}:"))) {
+                return Err(wrong(format!(
+                    "a URL begins with `{name}://`; for a directory of this name, write `./{name}:`"
+                )));
+            }
+            return Ok(Self::Folder(PathBuf::from(text)));
+        };
         if rest.contains(['@', '?', '#']) {
             return Err(wrong(format!(
                 "the URL ({scheme}://...) contains `@`, `?` or `#`; credentials come from the environment only, see \
@@ -153,6 +160,7 @@ mod tests {
             ("s3://key:secret@bucket/x", "credentials come from the environment"),
             ("https://lab/x?sig=secret", "credentials come from the environment"),
             ("ftp://lab/x", "unknown scheme `ftp`"),
+            ("s3:/bucket/x", "begins with `s3://`"),
             ("s3:///x", "no bucket"),
             ("s3://bucket/a/../b", "not usable"),
             ("s3://bucket/a//b", "not usable"),

@@ -221,7 +221,7 @@ impl Objects {
             return Ok(found.to_vec());
         }
         let len = if pack.size <= READ_WHOLE { READ_WHOLE } else { (FIRST_READ << (*reads).min(20)).min(LARGEST_READ) };
-        let start = range.start - range.start % len;
+        let start = self.unread(pack, range.start).unwrap_or(0).max(range.start - range.start % len);
         let end = (start + len).max(range.end).min(pack.size);
         *reads += 1;
         let bytes = self.range(&name, start..end)?;
@@ -232,6 +232,14 @@ impl Objects {
         let found = bytes.slice(from..to).to_vec();
         self.keep(Kept { pack: *pack, start, bytes });
         Ok(found)
+    }
+
+    /// Where to begin to read a place of a pack, so that nothing that is kept is read again; none leaves it open.
+    fn unread(&self, pack: &Digest, place: u64) -> Option<u64> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = kept.iter().filter(|part| part.pack == *pack && part.start <= place);
+        // What is kept may hold the place itself, but not all that is wanted from there.
+        before.map(|part| (part.start + part.bytes.len() as u64).min(place)).max()
     }
 
     fn kept(&self, pack: &Digest, range: &Range<u64>) -> Option<Bytes> {

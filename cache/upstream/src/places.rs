@@ -18,6 +18,9 @@ use tauflow_cache::{Digest, Key, Record};
 /// Packs that are kept open.
 const MOST_OPEN: usize = 64;
 
+/// An index is read so often, once for each listing, before it is given up.
+const MOST_TRIES: u32 = 3;
+
 /// A place in a pack: the pack's number, and the offset.
 type BlobAt = (u32, u64);
 
@@ -44,8 +47,10 @@ struct Listed {
     numbers: HashMap<Digest, u32>,
     /// Bytes in the spool.
     end: u64,
-    /// The indices that were read.
+    /// The indices that were read, and those that could not be read several times.
     indices: HashSet<Digest>,
+    /// How often each other index could not be read.
+    failed: HashMap<Digest, u32>,
 }
 
 /// Open packs, and errors so far.
@@ -60,6 +65,18 @@ pub(crate) struct Use {
 }
 
 impl Listed {
+    /// Notes that an index could not be read, which a file system of a network may do once. The first time is told.
+    fn could_not_read(&mut self, index: Digest, note: &str, tell: &dyn Fn(&str)) {
+        let failed = self.failed.entry(index).or_default();
+        *failed += 1;
+        if *failed == 1 {
+            tell(note);
+        }
+        if *failed == MOST_TRIES {
+            self.indices.insert(index);
+        }
+    }
+
     /// Adds the lines of an index; the texts of its records are appended to `texts`, which stand at the end.
     fn add(&mut self, lines: Vec<Line>, namespaces: &[&str], texts: &mut Vec<u8>) {
         let mut pack = None;
@@ -127,8 +144,9 @@ impl Places {
         new.retain(|index| !listed.indices.contains(index));
         let mut written = Ok(());
         self.upstream.each_index(&new, &mut |index, read| {
+            let Ok(bytes) = read.inspect_err(|note| listed.could_not_read(*index, note, tell)) else { return };
             listed.indices.insert(*index);
-            match read.and_then(|bytes| lines(&self.upstream, index, &bytes)) {
+            match lines(&self.upstream, index, &bytes) {
                 Ok(lines) if written.is_ok() => {
                     let mut texts = Vec::new();
                     let start = listed.end;

@@ -12,7 +12,7 @@ use ring::{
 use std::{
     fmt,
     fs::OpenOptions,
-    io::Write,
+    io::{self, Write},
     os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
     str::FromStr,
@@ -105,7 +105,15 @@ impl SecretKey {
         let public = Self::parse(&secret)?.public()?;
         let write = |path: &Path, mode: u32, text: &str| {
             let made = OpenOptions::new().write(true).create_new(true).mode(mode).open(path);
-            made.and_then(|mut file| file.write_all(text.as_bytes())).at("write the key", path)
+            made.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| {
+                let remedy = match error.kind() {
+                    io::ErrorKind::AlreadyExists => "; choose another name, keys are never replaced",
+                    io::ErrorKind::NotFound => "; make the directory first",
+                    _ => "",
+                };
+                let why = format!("`{}` cannot be written ({error}){remedy}", path.display());
+                UpstreamError::Key { what: "name of the key", why }
+            })
         };
         let mut beside = path.as_os_str().to_owned();
         beside.push(".pub");

@@ -28,7 +28,7 @@ use std::{
     sync::Arc,
     time::Duration,
 };
-use tauflow_cache::Key;
+use tauflow_cache::{Key, persist};
 use tauflow_contract::read_regular;
 
 /// Most bytes of `jobs.json`.
@@ -172,8 +172,7 @@ impl Folder {
         // Complete or not at all: the next run reads it.
         let mut file = tempfile::NamedTempFile::new_in(&self.path)?;
         serde_json::to_writer(&mut file, of)?;
-        file.persist(self.path.join("jobs.json"))?;
-        Ok(())
+        persist(file, &self.path.join("jobs.json"))
     }
 
     /// What was noted, if the jobs were submitted.
