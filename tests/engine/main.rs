@@ -18,6 +18,7 @@ mod ports;
 mod publishing;
 mod queries;
 mod shards;
+mod simulated;
 #[path = "../cli/validator.rs"]
 mod validator;
 mod values;
