@@ -37,7 +37,7 @@ def _run(words: List[str]) -> str:
     except OSError as error:
         raise TauflowError(f"{program()}: {error}") from None
     if done.returncode:
-        raise TauflowError(done.stderr.strip() or f"`tauflow {' '.join(words)}` failed with {done.returncode}")
+        raise TauflowError(done.stderr.strip().removeprefix("error: ") or f"`tauflow {' '.join(words)}` failed with {done.returncode}")
     return done.stdout
 
 
@@ -116,7 +116,11 @@ class Results:
         """The pipeline of the last run of this name in the cache, with its profile and overrides."""
         if self._pipeline is None:
             words = ["runs", self.name, "--json", "--last", "1", *(["--cache", self._cache] if self._cache else [])]
-            lines = _run(words).splitlines()
+            try:
+                lines = _run(words).splitlines()
+            except TauflowError as error:
+                hint = "" if self._cache else "; give the cache of the run, as in tauflow.open(..., cache=...)"
+                raise TauflowError(f"{error}{hint}") from None
             if not lines:
                 raise TauflowError(f"no run of `{self.name}` is recorded in the cache; open the pipeline file instead")
             self._pipeline = _pipeline_of(json.loads(lines[-1]), self._cache, self._raw)

@@ -170,3 +170,11 @@ def test_pairs_are_a_dataset_for_pytorch(tiny):
     assert batch["noisy"].shape == batch["clean"].shape == (3, 3, 16, 24) and batch["gbuffer"].shape == (3, 6, 16, 24)
     key = batch["item"][1]
     assert torch.equal(batch["clean"][1], torch.from_numpy(np.moveaxis(node[key].rung(16).data, -1, 0).copy()))
+
+
+def test_a_result_folder_without_its_cache_says_what_to_give(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TAUFLOW_CACHE", str(tmp_path / "none"))
+    with pytest.raises(tauflow.TauflowError, match="cache") as told:
+        tauflow.open(tiny.out / "tiny")["ladders"]
+    assert "give the cache of the run" in str(told.value) and not str(told.value).startswith("error:")

@@ -87,6 +87,10 @@ fn look(browser: &mut Browser, page: &Path, what: &str) {
         assert_eq!(browser.eval(&format!("{OVERFLOW}({columns})")), json!([]), "{what} at {width}");
         assert_eq!(browser.eval(SMALL), json!([]), "{what} at {width}");
     }
+    // The table that ranks all methods is never cut.
+    browser.size(400, 900);
+    let cut = "[...document.querySelectorAll('#ranking .scroll')].map(e => e.scrollWidth - e.clientWidth)";
+    assert!(browser.eval(cut).as_array().is_some_and(|all| all.iter().all(|by| *by == json!(0))), "{what}");
     // The rows of the opening figure are equally long.
     for width in [400, 900, 1400] {
         browser.size(width, 900);

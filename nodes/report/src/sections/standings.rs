@@ -53,7 +53,12 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
             }
             None => (method_html(HOLD), "the input itself".to_owned()),
         };
-        let _ = write!(out, "<tr><td>{}</td><td class=\"left\">{name}</td><td class=\"left\">{reads}</td>", place + 1);
+        // On a narrow page, what a method reads is shown below its name.
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td class=\"left\" data-reads=\"{reads}\">{name}</td><td class=\"left\">{reads}</td>",
+            place + 1
+        );
         let cell = |value: Option<String>, range: Option<String>| match value {
             Some(value) => format!("<td>{value}<span class=\"ci\">{}</span></td>", range.unwrap_or_default()),
             None => "<td><span class=\"zero\">–</span></td>".to_owned(),
