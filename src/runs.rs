@@ -39,7 +39,7 @@ use std::{
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
-use tauflow_cache::persist;
+use tauflow_cache::rename;
 use tauflow_contract::{Determinism, Digest, read_regular};
 
 /// Directory of the records below the cache directory.
@@ -271,7 +271,10 @@ impl RunRecord {
         let folder = cache.join(FOLDER);
         let path = path_of(&folder, &self.id);
         let failed = |source| RunsError::Io { what: "write", path: path.clone(), source };
-        own(&folder).and_then(|()| self.temporary(&folder)).and_then(|file| persist(file, &path)).map_err(failed)?;
+        own(&folder)
+            .and_then(|()| self.temporary(&folder))
+            .and_then(|file| rename(&file.into_temp_path(), &path))
+            .map_err(failed)?;
         live::remove(cache, &self.id);
         Ok(())
     }

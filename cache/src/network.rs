@@ -5,7 +5,6 @@
 
 use nix::{libc, sys::statfs::statfs};
 use std::{fs, io, os::unix::fs::MetadataExt, path::Path};
-use tempfile::NamedTempFile;
 
 /// Types of file systems that several machines can share, as `statfs` numbers them.
 const NETWORKS: [(i64, &str); 12] = [
@@ -48,15 +47,6 @@ pub(crate) fn is_gone(error: &io::Error) -> bool {
 pub fn has_no_locks(error: &io::Error) -> bool {
     matches!(error.raw_os_error(), Some(libc::ENOLCK | libc::EOPNOTSUPP | libc::ENOSYS))
         || error.kind() == io::ErrorKind::Unsupported
-}
-
-/// Puts a temporary file in place of the file of this name, or at it, with [`rename`].
-///
-/// # Errors
-/// If it cannot be renamed; the temporary file is removed.
-pub fn persist(file: NamedTempFile, to: &Path) -> io::Result<()> {
-    let path = file.into_temp_path();
-    rename(&path, to)
 }
 
 /// Renames a file. A rename that is reported as failed counts as done if the file has its new name.

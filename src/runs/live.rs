@@ -20,7 +20,7 @@ use std::{
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
-use tauflow_cache::persist;
+use tauflow_cache::rename;
 use tauflow_contract::read_regular;
 
 /// Version of this format.
@@ -200,7 +200,7 @@ impl LiveState {
         let mode = fs::Permissions::from_mode(0o666);
         let mut temporary = tempfile::Builder::new().permissions(mode).tempfile_in(&folder).map_err(failed)?;
         temporary.write_all(&text).map_err(failed)?;
-        persist(temporary, &path).map_err(failed)
+        rename(&temporary.into_temp_path(), &path).map_err(failed)
     }
 
     /// The numbers of its nodes, as a record has them.

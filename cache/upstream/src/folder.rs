@@ -11,7 +11,7 @@ use std::{
     os::unix::fs::{FileExt, OpenOptionsExt, PermissionsExt},
     path::{Path, PathBuf},
 };
-use tauflow_cache::persist;
+use tauflow_cache::rename;
 use tempfile::NamedTempFile;
 
 /// Files that whole groups share: the user's own mask has no say over temporary files, which are private.
@@ -108,7 +108,7 @@ impl Folder {
         let path = self.path(name);
         file.as_file().set_permissions(fs::Permissions::from_mode(MODE)).at("write", &path)?;
         file.as_file().sync_all().at("write", &path)?;
-        persist(file, &path).at("write", &path)?;
+        rename(&file.into_temp_path(), &path).at("write", &path)?;
         let folder = path.parent().unwrap_or(&self.root);
         File::open(folder).and_then(|folder| folder.sync_all()).at("write to", folder)
     }

@@ -28,7 +28,7 @@ use std::{
     sync::Arc,
     time::Duration,
 };
-use tauflow_cache::{Key, persist};
+use tauflow_cache::{Key, rename};
 use tauflow_contract::read_regular;
 
 /// Most bytes of `jobs.json`.
@@ -172,7 +172,7 @@ impl Folder {
         // Complete or not at all: the next run reads it.
         let mut file = tempfile::NamedTempFile::new_in(&self.path)?;
         serde_json::to_writer(&mut file, of)?;
-        persist(file, &self.path.join("jobs.json"))
+        rename(&file.into_temp_path(), &self.path.join("jobs.json"))
     }
 
     /// What was noted, if the jobs were submitted.
