@@ -37,7 +37,8 @@ def _run(words: List[str]) -> str:
     except OSError as error:
         raise TauflowError(f"{program()}: {error}") from None
     if done.returncode:
-        raise TauflowError(done.stderr.strip().removeprefix("error: ") or f"`tauflow {' '.join(words)}` failed with {done.returncode}")
+        told = done.stderr.strip().removeprefix("error: ")
+        raise TauflowError(told or f"`tauflow {' '.join(words)}` failed with {done.returncode}")
     return done.stdout
 
 
