@@ -85,11 +85,13 @@ fn by_the_reference_drawn_stops_have_the_moments_of_rendered_rungs() {
             at(LOCAL_STEP, true) - at(noise, true),
         );
         assert!(variance.abs() < 0.05 && covariance.abs() < 0.05, "{stop}: {variance} {covariance}");
-        // Without an error of a network, Euler steps are above MC noise, which is above whole deltas, except where a
-        // whole delta is right: it moves half of the way to the clean image, as from 1 to 2 samples.
+        // Without an error of a network, Euler steps are above MC noise. At adjacent stops that is above whole deltas,
+        // which move half of the way to the clean image: right from 1 to 2 samples alone.
         let [step, noise, delta] = [LOCAL_STEP, noise, LOCAL_DELTA].map(|rule| at(rule, false));
-        let is_right = (row.from_spp, row.to_spp) == (1, 2);
-        assert!(step > noise && (noise > delta) != is_right, "{stop}: {step} {noise} {delta}");
+        assert!(step > noise, "{stop}: {step} {noise}");
+        if row.to_spp == row.from_spp + 1 && row.from_spp < 9 {
+            assert_eq!(noise > delta, row.from_spp > 1, "{stop}: {noise} {delta}");
+        }
         // The expectation alone varies too little.
         let expected = rows[&(by_reference(EXPECTATION, false).as_str(), row.stop.as_str(), row.from_spp)];
         assert!(expected.moments.as_ref().expect("references").excess.high < 0.0, "{stop}");
