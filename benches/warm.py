@@ -11,7 +11,7 @@ action each. Machine B has an empty cache and another /etc/machine-id, if file s
 B runs three parts, each with an empty cache: all outputs that have the same bits on every machine, by the lock file of
 A; the whole pipeline with the measurements of A; and, with --measure, the whole pipeline with measurements of its own.
 Each line tells how many actions ran. The first part is repeated with the cache that it left, and after an edit: one
-more scene, or --edit.
+more scene of the generated ones, or --edit.
 """
 
 import argparse
@@ -95,7 +95,8 @@ class Machines:
         self.upstream = ["--upstream", "s3://lab/results"]
         self.profile = ["--profile", options.profile] if options.profile else []
         self.pipeline = folder / (options.pipeline.name if options.pipeline else "scenes.yaml")
-        self.edit = ["--set", options.edit or f"scenes.pool={options.scenes + 1}"]
+        edit = options.edit or (None if options.pipeline else f"scenes.pool={options.scenes + 1}")
+        self.edit = ["--set", edit] if edit else None
         if options.pipeline:
             self.pipeline.write_text(options.pipeline.read_text())
         else:
@@ -132,7 +133,8 @@ class Machines:
         targets = [word for output in bitwise for word in ("--target", output)]
         self.on_b("bitwise outputs", "b", *targets)
         self.on_b("again", "b", *targets)
-        self.on_b("after an edit", "b", *targets, *self.edit)
+        if self.edit:
+            self.on_b("after an edit", "b", *targets, *self.edit)
         if options.pipeline:
             self.on_b("all, A's measurements", "accepting", "--accept-measured")
         if options.measure:
