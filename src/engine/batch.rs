@@ -31,13 +31,16 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 use tauflow_cache::{CacheError, Key, Store};
 use tauflow_contract::{Digest, Progress, read_regular};
 
 /// Most bytes of a batch's file: far more than any has.
 const MOST_BYTES: u64 = 1 << 30;
+
+/// How late a network file system lists the files of other machines: NFS does so for up to a minute by default.
+const LISTED_LATE: Duration = Duration::from_secs(60);
 
 /// The actions that a process runs, in this order.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -170,6 +173,25 @@ impl BatchedAction {
         Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
 
+    /// Executes it. Inputs that are missing on a network file system may be listed late: it is tried again until they
+    /// are there, or are known to be missing.
+    fn run_with_inputs(
+        self,
+        site: &ExecSite<'_>,
+        progress: &dyn Progress,
+    ) -> Result<(Execution, Option<PreparedAction>), CacheError> {
+        let (store, begun) = (site.holdings.store, Instant::now());
+        loop {
+            let done = self.clone().run(site, progress);
+            let late = matches!(done.0.outcome, Outcome::Missing(_)) && store.file_system().network.is_some();
+            if !late || begun.elapsed() > LISTED_LATE || site.stop.load(Ordering::Relaxed) {
+                return Ok(done);
+            }
+            thread::sleep(Duration::from_millis(500));
+            store.refresh()?;
+        }
+    }
+
     /// Executes it; the action itself, if it could be executed.
     fn run(self, site: &ExecSite<'_>, progress: &dyn Progress) -> (Execution, Option<PreparedAction>) {
         let failed = match self.action.execute(site, self.handling, self.compare, progress) {
@@ -237,7 +259,7 @@ impl BatchFile {
                 (Execution::of(Outcome::Cancelled), None)
             } else {
                 tell(&Line::Begun { action });
-                of.run(&site, &Reporter { action, tell })
+                of.run_with_inputs(&site, &Reporter { action, tell })?
             };
             if let (Some(recorded), Some(executed)) = (recorded, executed)
                 && let Outcome::Hit(_) | Outcome::Ran(_) = execution.outcome
