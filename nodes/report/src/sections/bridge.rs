@@ -34,7 +34,7 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
          strong baseline.</p>",
         bridge.scenes, bridge.n_max
     );
-    out.push_str("<div class=\"grid2\">");
+    out.push_str("<div class=\"grid2 tables\">");
     for (stop, title) in stops(bridge) {
         let _ = write!(out, "<div><h3>{title}</h3><div class=\"scroll\">{}</div></div>", summary(bridge, stop));
     }
