@@ -173,8 +173,8 @@ impl BatchedAction {
         Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
 
-    /// Executes it. Inputs that are missing on a network file system may be listed late: it is tried again until they
-    /// are there, or are known to be missing.
+    /// Executes it. A network file system may list inputs late: while some are missing there, it is tried again for a
+    /// minute.
     fn run_with_inputs(
         self,
         site: &ExecSite<'_>,

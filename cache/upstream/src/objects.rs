@@ -238,7 +238,7 @@ impl Objects {
     fn unread(&self, pack: &Digest, place: u64) -> Option<u64> {
         let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let before = kept.iter().filter(|part| part.pack == *pack && part.start <= place);
-        // What is kept may hold the place itself, but not all that is wanted from there.
+        // A kept part may hold the first bytes that are wanted, but not all of them.
         before.map(|part| (part.start + part.bytes.len() as u64).min(place)).max()
     }
 
