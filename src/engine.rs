@@ -33,7 +33,7 @@ pub mod simulation;
 mod steering;
 mod transient;
 
-pub use event::Summary;
+pub use event::{Compared, Summary};
 pub use executor::{Apart, ChildCommand, JobOption, JobOptions, Scheduling, Share};
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;

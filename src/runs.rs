@@ -104,7 +104,7 @@ pub enum Outcome {
     Done,
     /// Some actions failed.
     Failed,
-    /// It was stopped.
+    /// It was stopped, or a shard that ended before the others had done their share.
     Interrupted,
     /// It could not go on.
     Error,
@@ -202,8 +202,9 @@ impl RunRecord {
         self.elapsed_s = summary.elapsed.as_secs_f64();
         self.outcome = match summary {
             _ if summary.interrupted => Outcome::Interrupted,
-            _ if summary.failures.is_empty() => Outcome::Done,
-            _ => Outcome::Failed,
+            _ if !summary.failures.is_empty() => Outcome::Failed,
+            _ if !summary.elsewhere.is_empty() => Outcome::Interrupted,
+            _ => Outcome::Done,
         };
         self.nodes = summary.nodes.iter().filter(|node| node.lanes > 0).cloned().collect();
         self.slowest = summary.slowest.clone();

@@ -218,7 +218,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     if args.push {
         upstream::publish(&pipeline, registry, cache, args.sign.as_deref())?;
     }
-    if !summary.failures.is_empty() {
+    if !summary.failures.is_empty() || !summary.elsewhere.is_empty() {
         if args.locked || args.update_lock {
             eprintln!("the lock file was not updated, because not all actions succeeded");
         }
@@ -310,7 +310,8 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
     let ran = summary.total(|n| n.ran);
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
-    if ran == 0 && summary.failures.is_empty() && !summary.interrupted {
+    let whole = summary.failures.is_empty() && summary.elsewhere.is_empty() && !summary.interrupted;
+    if ran == 0 && whole {
         eprintln!("nothing to do: {} up to date ({elapsed})", counted(hit, "result"));
     } else {
         eprint!("{}", table(&rows(summary)));
@@ -326,9 +327,19 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
             eprintln!("slowest: {}", long.join(", "));
         }
     }
+    if args.recheck > 0.0 || args.audit > 0.0 {
+        let engine::Compared { equal, differing } = summary.compared;
+        let which = if args.recheck > 0.0 { "recheck" } else { "audit" };
+        eprintln!("{which}: {} made again, {differing} of them different", counted(equal + differing, "result"));
+    }
     show_failures(&summary.failures, &again);
     if args.events.is_some() {
         summary.failures.iter().for_each(|failure| outln!("{}", json!({ "event": "failure", "of": failure })));
+    }
+    if let Some(share) = args.shard
+        && let Some(missing) = missing(&summary.elsewhere, share.count())
+    {
+        eprintln!("{missing}");
     }
     if summary.interrupted {
         eprintln!("stopped; to resume, run: {again}");
@@ -340,6 +351,17 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
         Some(path) => outln!("{}", path.display()),
         None => {}
     }
+}
+
+/// What other shards, of so many, have not done, and what to do.
+fn missing(elsewhere: &BTreeMap<u32, u64>, count: u32) -> Option<String> {
+    let of: Vec<String> = elsewhere
+        .iter()
+        .map(|(shard, actions)| format!("{} of shard {shard}/{count}", counted(*actions, "action")))
+        .collect();
+    (!of.is_empty()).then(|| {
+        format!("not done yet: {}\n  run these shards on this cache, or wait for them with --wait", of.join(", "))
+    })
 }
 
 fn rows(summary: &Summary) -> Vec<Vec<String>> {

@@ -276,7 +276,7 @@ impl BatchFile {
                 Outcome::Failed(_) if signalled(stop) => (End::Cancelled, None),
                 Outcome::Failed(message) => (End::Failed(message), None),
                 Outcome::Missing(blobs) => (End::Missing(blobs), None),
-                Outcome::Cancelled => (End::Cancelled, None),
+                Outcome::Cancelled | Outcome::Elsewhere(_) => (End::Cancelled, None),
                 Outcome::Fatal(error) => (End::Fatal(error.to_string()), Some(error)),
             };
             tell(&Line::Ended { action, end, warning, spent_us });

@@ -2,7 +2,7 @@
 
 use super::Listed;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::{borrow::Borrow, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};
+use std::{borrow::Borrow, collections::BTreeMap, fmt, ops::Deref, path::PathBuf, sync::Arc, time::Duration};
 use tauflow_contract::{Determinism, Digest, ItemKey};
 
 /// A name that is said often: cheap to clone.
@@ -287,6 +287,15 @@ impl Failure {
     }
 }
 
+/// Numbers of a recheck or an audit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Compared {
+    /// Results that came out as recorded.
+    pub equal: u64,
+    /// Results that did not.
+    pub differing: u64,
+}
+
 /// The result of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
@@ -294,6 +303,10 @@ pub struct Summary {
     pub nodes: Vec<NodeStat>,
     /// Failures, in the order they happened.
     pub failures: Vec<Failure>,
+    /// Results that were made again, and compared.
+    pub compared: Compared,
+    /// With a share of the run: numbers of actions that other shards have not done, by shard (from 1).
+    pub elsewhere: BTreeMap<u32, u64>,
     /// True if the run was stopped.
     pub interrupted: bool,
     /// The actions that took longest in this run, longest first.

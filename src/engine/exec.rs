@@ -128,7 +128,9 @@ impl ActionFile {
             Outcome::Missing(blobs) => return Err(ExecError::Missing(blobs[0])), // never empty
             Outcome::Failed(message) => return Err(ExecError::Failed(message)),
             Outcome::Fatal(error) => return Err(error.into()),
-            Outcome::Cancelled => return Err(ExecError::Failed("the action was stopped".into())),
+            Outcome::Cancelled | Outcome::Elsewhere(_) => {
+                return Err(ExecError::Failed("the action was stopped".into()));
+            }
         };
         store.flush()?;
         let name = |port: PortId| action.producer.spec.outputs[port.place()].name.to_owned();

@@ -105,6 +105,8 @@ pub enum Outcome {
     Failed(String),
     /// These blobs of its inputs are missing; the first is the one that it was looking for.
     Missing(Vec<Digest>),
+    /// It belongs to another shard of the run, by its number, which has not done it.
+    Elsewhere(u32),
     /// It was stopped.
     Cancelled,
     /// The store failed, or what executes: the run must stop.

@@ -151,7 +151,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
 /// # Errors
 /// If it cannot be written.
 pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<(), EngineError> {
-    let idle = !summary.interrupted && summary.failures.is_empty() && summary.nodes.iter().all(|node| node.ran == 0);
+    let whole = !summary.interrupted && summary.failures.is_empty() && summary.elsewhere.is_empty();
+    let idle = whole && summary.nodes.iter().all(|node| node.ran == 0);
     if idle && out.join(SUMMARY).is_file() {
         return Ok(());
     }
@@ -162,6 +163,7 @@ pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<()
         "nodes": summary.nodes,
         "slowest": summary.slowest,
         "failures": summary.failures,
+        "elsewhere": summary.elsewhere,
     });
     let mut text = serde_json::to_vec_pretty(&value).expect("plain data");
     text.push(b'\n');

@@ -3,7 +3,7 @@
 use super::{
     EngineError, ExecutorKind, RunOptions, Sink, Summary,
     conclude::{self, ResultOf},
-    event::{Event, Failure, NodeStat, OutputOf, Slow},
+    event::{Compared, Event, Failure, NodeStat, OutputOf, Slow},
     executor::{self, Executor, Jobs, Place, Processes, Replies, Shared, Site, Threads, Waiting},
     explain,
     holdings::Holdings,
@@ -18,7 +18,7 @@ use super::{
 };
 use crate::pipeline::{Pipeline, Target};
 use std::{
-    collections::HashSet,
+    collections::{BTreeMap, HashSet},
     path::PathBuf,
     sync::{
         Arc,
@@ -222,6 +222,8 @@ impl<'a> Run<'a> {
         loop {
             let pass = self.pass(&wanted, &ran)?;
             summary.failures = pass.failures;
+            summary.elsewhere = pass.elsewhere;
+            summary.compared = pass.compared;
             summary.nodes = pass.stats;
             for ((seconds, bytes), node) in spent.iter_mut().zip(&mut summary.nodes) {
                 *seconds += node.spent_s;
@@ -233,7 +235,8 @@ impl<'a> Run<'a> {
             summary.slowest.truncate(SLOWEST);
             summary.published = pass.published;
             summary.outputs = pass.outputs;
-            let complete = summary.failures.is_empty() && self.options.only.is_none() && !self.options.dry;
+            let all = summary.failures.is_empty() && summary.elsewhere.is_empty();
+            let complete = all && self.options.only.is_none() && !self.options.dry;
             if complete && pass.missing.is_empty() && !self.stop.load(Ordering::Relaxed) {
                 rollup::keep_pipeline(self.pipeline, self.store, pass.trees)?;
             }
@@ -297,6 +300,8 @@ impl<'a> Run<'a> {
         Ok(Pass {
             stats: finished.stats,
             failures: finished.failures,
+            elsewhere: finished.elsewhere,
+            compared: finished.compared,
             missing: finished.missing,
             ran: finished.ran,
             slowest: finished.slowest,
@@ -312,6 +317,8 @@ impl<'a> Run<'a> {
 struct Pass {
     stats: Vec<NodeStat>,
     failures: Vec<Failure>,
+    elsewhere: BTreeMap<u32, u64>,
+    compared: Compared,
     missing: HashSet<Digest>,
     ran: Ran,
     slowest: Vec<Slow>,

@@ -34,6 +34,7 @@ fn an_audit_quarantines_what_differs_and_names_its_maker() {
         let (audited, said) = outputs(&place, machine, &[&["--audit", "1"], more].concat());
         assert_eq!(audited, honest);
         let about = said.lines().find(|line| line.contains("is not what this machine computes")).unwrap_or_default();
+        assert!(said.contains("results made again, 1 of them different"), "{said}");
         assert!(about.contains("the-forger, tauflow 0.0") && about.contains("scene_generation"), "{said}");
         // It stays so without an audit, although the roll-ups of the upstream contain it.
         assert_eq!(outputs(&place, machine, &[]).0, honest);
@@ -53,10 +54,10 @@ fn an_audit_of_honest_results_finds_nothing_and_asks_for_a_share() {
     let honest = outputs(&place, "a", &["--push"]).0;
     let (audited, said) = outputs(&place, "b", &["--audit", "1"]);
     assert_eq!(audited, honest);
-    assert!(!said.contains("warning") && said.contains(" ran, "), "{said}");
+    assert!(!said.contains("warning") && said.contains("audit: 10 results made again, 0 of them different"), "{said}");
     // Its own results are not audited.
     let said = place.off("a", &["run", "small.yaml", "--audit", "1"]).ends(0);
-    assert!(said.err.contains("nothing to do"), "{}", said.err);
+    assert!(said.err.contains("nothing to do") && said.err.contains("audit: 0 results made again"), "{}", said.err);
     let said = place.on("b", &["run", "small.yaml", "--audit", "2"]).ends(2);
     assert!(said.err.contains("--audit 2 must be between 0 and 1"), "{}", said.err);
     // The maker is known to whoever gets a record.

@@ -23,6 +23,10 @@ pub const LOCAL_DELTA: &str = "local_delta";
 pub const EXPECTATION: &str = "expectation";
 /// The same, with the noise of the samples that are yet to come.
 pub const STOCHASTIC: &str = "stochastic";
+/// A stop of a bridge at the expectation of the rung, with a Gaussian filter of the endpoint as the clean estimate.
+pub const GAUSSIAN: &str = "gaussian";
+/// The same, at the fraction of variance time.
+pub const GAUSSIAN_TAU: &str = "gaussian_tau";
 
 /// A method of the bridge between rungs: a rule, the space in which it moves images, and the estimate that it uses.
 ///
@@ -191,7 +195,8 @@ mod tests {
 
     #[test]
     fn methods_of_the_bridge_are_named_after_rule_space_and_estimate() {
-        for rule in [HOLD, LOCAL_STEP, LOCAL_DELTA, EXPECTATION, STOCHASTIC, Parameterization::McNoise.name()] {
+        let noise = Parameterization::McNoise.name();
+        for rule in [HOLD, LOCAL_STEP, LOCAL_DELTA, EXPECTATION, STOCHASTIC, GAUSSIAN, GAUSSIAN_TAU, noise] {
             for (log, reference) in [(false, false), (false, true), (true, false), (true, true)] {
                 let method = BridgeMethod { rule, log, reference };
                 let name = method.name();

@@ -8,7 +8,9 @@ mod textures;
 
 use crate::{
     mesh::Mesh,
-    scene::{Affine, Bsdf, DELTA_ALPHA, Distribution, Emitter, Geometry, ReliefForm, Rgb, Scene, Shape, Texture},
+    scene::{
+        Affine, Bsdf, Camera, DELTA_ALPHA, Distribution, Emitter, Geometry, ReliefForm, Rgb, Scene, Shape, Texture,
+    },
 };
 use ply::ply;
 use std::{collections::BTreeSet, fmt::Write as _, fs, path::Path};
@@ -42,7 +44,12 @@ struct Writer<'a> {
     written: BTreeSet<String>,
     /// Vertex colours modified by textures; every mesh gets all of them.
     tints: Vec<Tint>,
+    /// The largest depth of a point in front of the camera.
+    reach: f64,
 }
+
+/// Mitsuba's own `far_clip`. Cameras see nothing beyond it.
+const FAR: f64 = 1e4;
 
 /// Writes `scene.xml` and what it names into `dir`, which is made if it is absent.
 ///
@@ -56,7 +63,8 @@ pub fn export(
 ) -> Result<(), KindError> {
     let io = |source| KindError::Environment(format!("cannot write {}: {source}", dir.display()));
     fs::create_dir_all(dir).map_err(io)?;
-    let mut writer = Writer { dir, load, xml: String::new(), indent: 0, written: BTreeSet::new(), tints: Vec::new() };
+    let mut writer =
+        Writer { dir, load, xml: String::new(), indent: 0, written: BTreeSet::new(), tints: Vec::new(), reach: 0.0 };
     writer.line(OWN);
     writer.open("<scene version=\"3.0.0\">");
     // Passages through what is not opaque are no part of a path's length here. Those that `path` meets are.
@@ -67,7 +75,7 @@ pub fn export(
         writer.line("<boolean name=\"hide_emitters\" value=\"true\"/>");
     }
     writer.close("</integrator>");
-    writer.sensor(scene, film);
+    let clip = writer.sensor(scene, film);
     for (index, material) in scene.materials.iter().enumerate() {
         writer.bsdf(material, &format!(" id=\"material-{index}\""))?;
     }
@@ -76,12 +84,16 @@ pub fn export(
         writer.tint(emission);
     });
     for (index, shape) in scene.shapes.iter().enumerate() {
-        writer.shape(index, shape)?;
+        writer.shape(index, shape, &scene.camera)?;
     }
     for emitter in &scene.emitters {
         writer.emitter(emitter)?;
     }
     writer.close("</scene>");
+    if writer.reach >= FAR {
+        let far = format!("    <float name=\"far_clip\" value=\"{:?}\"/>\n", 2.0 * writer.reach);
+        writer.xml.insert_str(clip, &far);
+    }
     fs::write(dir.join("scene.xml"), &writer.xml).map_err(io)
 }
 
@@ -103,6 +115,29 @@ fn mirrors(map: &Affine) -> bool {
     let [a, b, c] = map.map(|row| [row[0], row[1], row[2]]);
     let cross = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
     a[0] * cross[0] + a[1] * cross[1] + a[2] * cross[2] < 0.0
+}
+
+/// Corners of the box around a mesh.
+fn extent(mesh: &Mesh) -> [[f64; 3]; 2] {
+    let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    mesh.positions.iter().fold(empty, |[low, high], at| {
+        let at = at.map(f64::from);
+        let of = |i: usize| (low[i].min(at[i]), high[i].max(at[i]));
+        [[of(0).0, of(1).0, of(2).0], [of(0).1, of(1).1, of(2).1]]
+    })
+}
+
+/// The largest depth of a box in front of a camera, or 0.
+fn depth(box_of: &[[f64; 3]; 2], map: &Affine, camera: &Camera) -> f64 {
+    let forward = [0, 1, 2].map(|i: usize| camera.target[i] - camera.origin[i]);
+    let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let length = dot(&forward, &forward).sqrt();
+    let depth = |corner: usize| {
+        let local = [0, 1, 2].map(|i: usize| box_of[corner >> i & 1][i]);
+        let at = map.map(|row| dot(&[row[0], row[1], row[2]], &local) + row[3]);
+        dot(&[0, 1, 2].map(|i: usize| at[i] - camera.origin[i]), &forward) / length
+    };
+    (0..8).map(depth).filter(|depth| depth.is_finite()).fold(0.0, f64::max)
 }
 
 fn rgb(value: &Rgb) -> String {
@@ -140,12 +175,14 @@ impl Writer<'_> {
         self.close("</transform>");
     }
 
-    fn sensor(&mut self, scene: &Scene, film: Film) {
+    /// The place where `far_clip` goes.
+    fn sensor(&mut self, scene: &Scene, film: Film) -> usize {
         let camera = &scene.camera;
         self.open("<sensor type=\"perspective\">");
         self.line("<string name=\"fov_axis\" value=\"x\"/>");
         self.float("fov", camera.fov_x);
         self.float("near_clip", camera.near);
+        let clip = self.xml.len();
         self.open("<transform name=\"to_world\">");
         self.line(&format!(
             "<lookat origin=\"{}\" target=\"{}\" up=\"{}\"/>",
@@ -164,6 +201,7 @@ impl Writer<'_> {
         self.line("<rfilter type=\"box\"/>");
         self.close("</film>");
         self.close("</sensor>");
+        clip
     }
 
     fn bsdf(&mut self, bsdf: &Bsdf, id: &str) -> Result<(), KindError> {
@@ -291,13 +329,15 @@ impl Writer<'_> {
         self.float("ext_ior", ext_ior);
     }
 
-    fn shape(&mut self, index: usize, shape: &Shape) -> Result<(), KindError> {
+    fn shape(&mut self, index: usize, shape: &Shape, camera: &Camera) -> Result<(), KindError> {
         // In Mitsuba, a mirroring map turns meshes without normals inside out.
         let mut turns = false;
+        let mut box_of = [[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]];
         match &shape.geometry {
             Geometry::Mesh { mesh } => {
                 let mesh = Mesh::from_bytes(&(self.load)(mesh)?)?;
                 let file = format!("mesh-{index:04}.ply");
+                box_of = extent(&mesh);
                 fs::write(self.dir.join(&file), ply(&mesh, &self.tints))
                     .map_err(|e| KindError::Environment(format!("cannot write {file}: {e}")))?;
                 self.open("<shape type=\"ply\">");
@@ -312,11 +352,16 @@ impl Writer<'_> {
                 self.line(&format!("<point name=\"center\" value=\"{}\"/>", point(center)));
                 self.float("radius", *radius);
                 turns = true;
+                box_of = [-radius.abs(), radius.abs()].map(|r| center.map(|c| c + r));
             }
             Geometry::Rectangle => self.open("<shape type=\"rectangle\">"),
             Geometry::Disk => self.open("<shape type=\"disk\">"),
-            Geometry::Cube => self.open("<shape type=\"cube\">"),
+            Geometry::Cube => {
+                self.open("<shape type=\"cube\">");
+                box_of = [[-1.0; 3], [1.0; 3]];
+            }
         }
+        self.reach = self.reach.max(depth(&box_of, &shape.to_world, camera));
         self.transform(&shape.to_world);
         if shape.flip_normals != (turns && mirrors(&shape.to_world)) {
             self.line("<boolean name=\"flip_normals\" value=\"true\"/>");

@@ -14,7 +14,7 @@ use std::{
 use tauflow_contract::KindError;
 use tauflow_data::{
     VarianceTime,
-    methods::{BridgeMethod, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization},
+    methods::{BridgeMethod, GAUSSIAN, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization},
     records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence, Moments, MomentsRow},
 };
 
@@ -79,14 +79,18 @@ fn columns(scenes: &[SceneCases]) -> Result<Vec<Column<'_>>, KindError> {
     Ok(columns)
 }
 
-/// The paper's claims about MC noise at each kind of stop, and a comparison with Euler steps; in each space.
+/// Rules that move images in linear radiance only.
+const ONE_SPACE: [&str; 3] = [HOLD, GAUSSIAN, GAUSSIAN_TAU];
+
+/// The paper's claims about MC noise at each kind of stop, and comparisons with Euler steps
+/// and with a filter that learns nothing; in each space.
 ///
 /// The paper's local step adds the predicted difference to the next rung at each stop: [`LOCAL_DELTA`].
 fn claims(columns: &[Column<'_>], setting: &BTreeMap<String, String>, resampled: &Resampled) -> Vec<Claim> {
     let stops: BTreeSet<&str> = columns.iter().map(|c| c.stop).collect();
     let claim = |statement: &str, over: &[&str], (stop, log): (&str, bool)| {
         let of = |rule: &str| -> Vec<usize> {
-            let method = BridgeMethod { reference: false, log: log && rule != HOLD, rule }.name();
+            let method = BridgeMethod { reference: false, log: log && !ONE_SPACE.contains(&rule), rule }.name();
             columns.iter().filter(|c| (c.stop, c.method) == (stop, method.as_str())).map(|c| c.at).collect()
         };
         let own = of(Parameterization::McNoise.name());
@@ -111,7 +115,9 @@ fn claims(columns: &[Column<'_>], setting: &BTreeMap<String, String>, resampled:
     let best = cases()
         .filter_map(|of| claim("Between rungs MC noise is above hold and the local delta", &[HOLD, LOCAL_DELTA], of));
     let euler = cases().filter_map(|of| claim("Between rungs MC noise is above local Euler steps", &[LOCAL_STEP], of));
-    best.chain(euler).collect()
+    let filter = cases()
+        .filter_map(|of| claim("Between rungs MC noise is above a Gaussian filter", &[GAUSSIAN, GAUSSIAN_TAU], of));
+    best.chain(euler).chain(filter).collect()
 }
 
 /// A case's PSNR as it enters means.

@@ -4,8 +4,8 @@ use crate::{material::Cell, text::fixed};
 use std::collections::BTreeMap;
 use tauflow_data::{
     methods::{
-        BridgeMethod, Conditioning, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, OIDN, PATH_TRACER, PATH_TRACER_SOBOL,
-        Parameterization, STOCHASTIC,
+        BridgeMethod, Conditioning, EXPECTATION, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, OIDN, PATH_TRACER,
+        PATH_TRACER_SOBOL, Parameterization, STOCHASTIC,
         axes::{CONDITIONING, METHOD, PARAMETERIZATION, SPACE},
     },
     records::{Estimate, Evaluation, MethodTable, higher_is_better},
@@ -231,6 +231,7 @@ pub fn method_name(method: &str) -> String {
         LOCAL_DELTA => "Local delta".into(),
         EXPECTATION => "Expectation".into(),
         STOCHASTIC => "Stochastic".into(),
+        GAUSSIAN_TAU => "Gaussian, variance time".into(),
         HOLD => "Hold".into(),
         OIDN => "OIDN".into(),
         "mitsuba" => "Mitsuba".into(),

@@ -11,7 +11,7 @@ use crate::{
     space::Space,
 };
 use tauflow_contract::KindError;
-use tauflow_data::{Image, methods::Parameterization, rng::Stream, time::VarianceTime};
+use tauflow_data::{Image, maths, methods::Parameterization, rng::Stream, time::VarianceTime};
 
 /// How a local velocity is rolled along the ladder, from each sample count to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,6 +93,46 @@ pub fn expected_stop(endpoint: &Image, clean: &Image, (from, to): (u64, u64)) ->
     let mut moved = endpoint.clone();
     towards(&mut moved, clean, (1.0 - from as f64 / to as f64) as f32);
     moved
+}
+
+/// Where variance time puts I_m between I_k and a clean image, all of linear radiance.
+///
+/// # Errors
+/// If the stop is outside the clock.
+pub fn timed_stop(
+    model: &dyn Denoiser,
+    endpoint: &Image,
+    clean: &Image,
+    (from, to): (u64, u64),
+) -> Result<Image, KindError> {
+    let (tau, next) = span(model, from, to)?;
+    let mut moved = endpoint.clone();
+    towards(&mut moved, clean, ((next - tau) / (1.0 - tau)) as f32);
+    Ok(moved)
+}
+
+/// An image [H, W, C] under a Gaussian filter of this standard deviation in pixels. Weights beyond the border count for
+/// nothing.
+pub fn blurred(image: &Image, sigma: f64) -> Image {
+    let reach = (4.0 * sigma).ceil() as usize;
+    let weights: Vec<f64> = (0..=reach).map(|d| maths::exp(-0.5 * (d as f64 / sigma).powi(2))).collect();
+    let (width, height, channels) = (image.width(), image.height(), image.channels());
+    let pass = |from: &Image, count: usize, step: usize, at: &dyn Fn(usize) -> usize| {
+        let mut to = from.clone();
+        for (i, value) in to.data_mut().iter_mut().enumerate() {
+            let place = at(i);
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for other in place.saturating_sub(reach)..(place + reach + 1).min(count) {
+                let own = weights[other.abs_diff(place)];
+                sum += own * f64::from(from.data()[i + other * step - place * step]);
+                weight += own;
+            }
+            *value = (sum / weight) as f32;
+        }
+        to
+    };
+    let rows = pass(image, width, channels, &|i| i / channels % width);
+    pass(&rows, height, channels * width, &|i| i / (channels * width))
 }
 
 /// A draw of I_m, given its expectation and the variance of single samples, all of linear radiance: the mean of the m -
@@ -287,6 +327,27 @@ mod tests {
         let (own, both) = moments(&expected);
         near(own, 9.0 * k as f64 / (m * m) as f64);
         near(both, 9.0 / m as f64);
+    }
+
+    #[test]
+    fn a_gaussian_filter_has_its_deviation_and_keeps_what_is_even() {
+        let even = Image::from_data(5, 4, 3, vec![2.5; 60]).expect("fits");
+        assert_eq!(blurred(&even, 0.7).data(), even.data());
+        let (width, height) = (21usize, 19usize);
+        let mut point = Image::from_data(width, height, 3, vec![0.0; width * height * 3]).expect("fits");
+        point.data_mut()[(9 * width + 10) * 3 + 1] = 1.0;
+        let spread = blurred(&point, 1.5);
+        let (mut sum, mut along, mut across) = (0.0, 0.0, 0.0);
+        for (i, value) in spread.data().iter().enumerate() {
+            let (x, y, value) = ((i / 3 % width) as f64, (i / 3 / width) as f64, f64::from(*value));
+            assert!(i % 3 == 1 || value == 0.0, "channels stay apart");
+            sum += value;
+            along += value * (x - 10.0).powi(2);
+            across += value * (y - 9.0).powi(2);
+        }
+        for (is, wanted) in [(sum, 1.0), (along, 2.25), (across, 2.25)] {
+            assert!((is / wanted - 1.0).abs() < 5e-3, "{is} {wanted}");
+        }
     }
 
     #[test]

@@ -1,7 +1,9 @@
 #![doc = include_str!("bridge_refinement.md")]
 
 use crate::{
-    bridge::{LocalRule, ReferenceSolver, bridge_stop, expected_stop, local_path, stochastic_stop},
+    bridge::{
+        LocalRule, ReferenceSolver, blurred, bridge_stop, expected_stop, local_path, stochastic_stop, timed_stop,
+    },
     device::{self, CORES, NetworkDevice, Place},
     model::Model,
     refinement::{endpoint, features, model_needs_gbuffer},
@@ -19,7 +21,9 @@ use tauflow_contract::{
 use tauflow_data::{
     Image,
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
-    methods::{BridgeMethod, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC},
+    methods::{
+        BridgeMethod, EXPECTATION, GAUSSIAN, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC,
+    },
     records::{BridgeClock, BridgeSteps, Exposure, Ladder, ModelFile, PackedScene, RefinedImage, RefinedImages},
     rng::Stream,
 };
@@ -27,12 +31,15 @@ use tauflow_data::{
 /// The kind `bridge_refinement`.
 pub struct BridgeRefinement;
 
-/// Params of `bridge_refinement`: none.
+/// Params of `bridge_refinement`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BridgeRefinementParams {
     /// Device of the networks; the outputs of a GPU depend on the machine.
     pub device: NetworkDevice,
+    /// Standard deviation in pixels of a Gaussian filter in the network's place; none for no such rows.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 16.0))]
+    pub gaussian: Option<f64>,
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "Scenes at consecutive sample counts, such as 1..10.");
@@ -154,6 +161,13 @@ impl Kind for BridgeRefinement {
                 images.push((RefinedImage { method, from_spp: from, to_spp, nfe }, image));
             };
             ends.iter().for_each(|to| put(HOLD.into(), *to, 0, start.clone()));
+            if let Some(sigma) = action.params.gaussian {
+                let blurred = blurred(start, sigma);
+                for to in &ends {
+                    put(GAUSSIAN.into(), *to, 0, expected_stop(start, &blurred, (from, *to)));
+                    put(GAUSSIAN_TAU.into(), *to, 0, timed_stop(&noise, start, &blurred, (from, *to))?);
+                }
+            }
             for space in [Space::Linear, Space::Log1p] {
                 let known = held.as_ref().map(|held| held.solvers(&noise, &local, space)).transpose()?;
                 let mut sources: Vec<(bool, &dyn Denoiser, &dyn Denoiser)> = vec![(false, &noise, &local)];

@@ -8,9 +8,12 @@ use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use tauflow_contract::{Action, Artifact, Context, Kind, KindError, Media, MemoryBlobs, Outputs, Silent};
 use tauflow_data::{
     Image, IntegratorKind, SamplerKind,
-    methods::{BridgeMethod, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC},
+    methods::{
+        BridgeMethod, EXPECTATION, GAUSSIAN, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC,
+    },
     records::{BridgeSteps, Exposure, Ladder, LadderMeta, PackedScene, RefinedImages, Rung},
     rng::Stream,
+    time::VarianceTime,
 };
 use tauflow_train::{BridgeRefinement, BridgeRefinementParams, Conditioning, Space, Training, TrainingParams};
 
@@ -87,6 +90,7 @@ impl Lab {
         let local = self.model(Parameterization::LocalVelocity, spaces[1]);
         let packed = self.store(packed);
         let exposure = self.store(&Exposure { factor: EXPOSURE, ev: 0.0, mean_luminance: 0.18 / EXPOSURE });
+        let gaussian = held.is_some().then_some(0.7);
         let held = held.map(|held| self.store(held));
         let mut each = BTreeMap::from([("endpoints", &packed)]);
         if let Some(held) = &held {
@@ -97,7 +101,7 @@ impl Lab {
             ("local_velocity", &local.collections["model"]),
         ]);
         let ctx = Context::new(&self.blobs, &Silent, &self.cancel);
-        let params = BridgeRefinementParams::default();
+        let params = BridgeRefinementParams { gaussian, ..Default::default() };
         let outputs = BridgeRefinement::run(&ctx, &Action { params, item: None, group: "main", seed: 5, each, all })?;
         BridgeSteps::load(&ctx, &outputs.items["steps"])
     }
@@ -134,6 +138,15 @@ fn with_the_reference_the_stochastic_bridge_has_the_moments_of_real_rungs() {
         let (of_variance, of_covariance) = (variance / real_variance - 1.0, covariance / real_covariance - 1.0);
         println!("{from} -> {to}: variance {:+.2}%, covariance {:+.2}%", 100.0 * of_variance, 100.0 * of_covariance);
         assert!(of_variance.abs() < 0.05 && of_covariance.abs() < 0.05, "{stop:?}: {of_variance} {of_covariance}");
+        // Both filters go towards the same image, by the fractions of the expectation and of variance time.
+        let moved = |rule: &str| -> f64 {
+            let pairs = image(&steps.images, rule, stop).data().iter().zip(state(from).data());
+            pairs.map(|(a, b)| (f64::from(*a) - f64::from(*b)).abs()).sum()
+        };
+        let clock = VarianceTime::new(1, 32).expect("a ladder");
+        let time = (clock.tau(to as f64) - clock.tau(from as f64)) / (1.0 - clock.tau(from as f64));
+        let ratio = moved(GAUSSIAN_TAU) / moved(GAUSSIAN) / (time / (1.0 - from as f64 / to as f64));
+        assert!((ratio - 1.0).abs() < 1e-4, "{stop:?}: {ratio}");
         // The expectation alone has k/m of the variance.
         let [expected, _] = moments(image(&steps.images, &by_reference(EXPECTATION), stop), state(from));
         assert!((expected / real_variance / (from as f64 / to as f64) - 1.0).abs() < 0.05, "{stop:?}: {expected}");
@@ -172,7 +185,7 @@ fn methods_of_all_rules_spaces_and_estimates_are_there() {
     assert_eq!(alone.len(), 1 + 3 * 2 + 1);
     assert!([HOLD, "local_delta+log1p", "mc_noise", EXPECTATION].iter().all(|name| alone.contains(&(*name).into())));
     let with = count(Some(&held));
-    assert_eq!(with.len(), 1 + 3 * 2 * 2 + 4);
+    assert_eq!(with.len(), 1 + 3 * 2 * 2 + 4 + 2);
     assert!(["mc_noise+log1p+reference", STOCHASTIC].iter().all(|name| with.contains(&(*name).into())));
 }
 

@@ -63,6 +63,11 @@ impl Share {
         Self { wait, ..self }
     }
 
+    /// How many shares there are.
+    pub fn count(self) -> u32 {
+        self.count
+    }
+
     /// The number, from 0, of the share that an action belongs to; none if it belongs to all.
     fn of(self, order: &Order) -> Option<u32> {
         let action = &order.action;
@@ -157,14 +162,7 @@ fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
                     left.push(awaited);
                     continue;
                 }
-                (Ok(()), Ok(None)) => {
-                    let number = share.of(order).map_or(0, |index| index + 1);
-                    Outcome::Failed(format!(
-                        "it belongs to shard {number}/{}, which has not done it; run that shard on this cache, or wait \
-                         for it with --wait",
-                        share.count
-                    ))
-                }
+                (Ok(()), Ok(None)) => Outcome::Elsewhere(share.of(order).map_or(0, |index| index + 1)),
                 (Ok(()), Err(error)) => Outcome::Fatal(error.into()),
                 (Err(error), _) => Outcome::Fatal(EngineError::Executor(error.to_string())),
             };

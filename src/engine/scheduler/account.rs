@@ -1,13 +1,13 @@
 //! The account of a pass: events, counts per node, failures, and the slowest actions. Decides nothing.
 
 use crate::engine::{
-    event::{Ended, Event, Failure, Name, NodeStat, Slow},
-    ids::{LaneId, Row},
+    event::{Compared, Ended, Event, Failure, Name, NodeStat, Slow},
+    ids::{LaneId, Row, SlotId},
     lanes::Lanes,
     records::Made,
 };
 use crate::pipeline::Pipeline;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use tauflow_cache::Digest;
 use tauflow_contract::{ActionKey, ItemKey};
 
@@ -25,6 +25,10 @@ pub struct Finished {
     pub stats: Vec<NodeStat>,
     /// Failures.
     pub failures: Vec<Failure>,
+    /// Results that were compared.
+    pub compared: Compared,
+    /// Actions that other shards have not done, by shard.
+    pub elsewhere: BTreeMap<u32, u64>,
     /// Blobs that readers missed.
     pub missing: HashSet<Digest>,
     /// Slots that ran.
@@ -52,6 +56,10 @@ pub(super) struct Account<'a> {
     expected: Vec<u64>,
     events: Vec<Event>,
     failures: Vec<Failure>,
+    elsewhere: BTreeMap<u32, u64>,
+    /// Slots that run to be compared.
+    comparing: HashSet<(LaneId, SlotId)>,
+    compared: Compared,
     slowest: Vec<Slow>,
     /// Slots that ran in earlier passes: hits of this one.
     ran_before: &'a Ran,
@@ -95,6 +103,9 @@ impl<'a> Account<'a> {
             stats,
             events: Vec::new(),
             failures: Vec::new(),
+            elsewhere: BTreeMap::new(),
+            comparing: HashSet::new(),
+            compared: Compared::default(),
             slowest: Vec::new(),
             ran_before,
             ran_counts,
@@ -208,6 +219,24 @@ impl<'a> Account<'a> {
         self.failures.push(failure);
     }
 
+    /// A slot that ended before runs again, to be compared.
+    pub fn compare(&mut self, slot: (LaneId, SlotId)) {
+        self.comparing.insert(slot);
+    }
+
+    /// A slot has run; whether it came out as recorded matters if it was compared.
+    pub fn compared(&mut self, slot: (LaneId, SlotId), equal: bool) {
+        if self.comparing.remove(&slot) {
+            let of = if equal { &mut self.compared.equal } else { &mut self.compared.differing };
+            *of += 1;
+        }
+    }
+
+    /// An action that another shard has not done.
+    pub fn elsewhere(&mut self, shard: u32) {
+        *self.elsewhere.entry(shard).or_insert(0) += 1;
+    }
+
     /// A failure of a lane as a whole.
     pub fn fail_lane(&mut self, lane: LaneId, message: String) {
         self.fail(lane, None, message);
@@ -241,6 +270,8 @@ impl<'a> Account<'a> {
         Finished {
             stats: self.stats,
             failures: self.failures,
+            elsewhere: self.elsewhere,
+            compared: self.compared,
             missing,
             ran: self.ran,
             keys: self.keys,

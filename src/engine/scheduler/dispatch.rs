@@ -123,7 +123,12 @@ impl Scheduler<'_> {
             }
             self.todo.pop();
             match self.prepare(lane, slot, &whole) {
-                Some(action) => orders.push(Order { slot: (lane, slot), bytes, action }),
+                Some(action) => {
+                    if action.before.is_some() {
+                        self.account.compare((lane, slot));
+                    }
+                    orders.push(Order { slot: (lane, slot), bytes, action });
+                }
                 None => {
                     self.fail_lane(lane, "internal error: an action was to run without a key; please report it".into());
                 }

@@ -12,6 +12,12 @@ impl Scheduler<'_> {
         self.in_flight -= 1;
         let (lane, slot) = reply.slot;
         let execution = reply.execution;
+        match &execution.outcome {
+            // A remark on what was compared says that it differs.
+            Outcome::Ran(_) => self.account.compared(reply.slot, execution.warning.is_none()),
+            Outcome::Failed(_) => self.account.compared(reply.slot, false),
+            _ => {}
+        }
         if let Some(message) = execution.warning {
             self.account.warn(message);
         }
@@ -41,6 +47,10 @@ impl Scheduler<'_> {
                     SlotStage::Stalled
                 }
             },
+            Outcome::Elsewhere(shard) => {
+                self.account.elsewhere(shard);
+                SlotStage::Ended(Ended::Blocked)
+            }
             Outcome::Cancelled => SlotStage::Stalled,
             Outcome::Fatal(error) => return Err(error),
         };

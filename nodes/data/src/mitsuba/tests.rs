@@ -157,3 +157,20 @@ fn products_that_mitsuba_cannot_express_are_refused() {
     let error = exported(vec![Bsdf::Diffuse { reflectance: product }]).expect_err("refused").to_string();
     assert!(error.contains("`reflectance` is a product of textures"), "{error}");
 }
+
+#[test]
+fn mitsubas_camera_sees_what_is_farther_than_its_own_far_clip() {
+    let exported_at = |z: f64| {
+        let mut map = IDENTITY;
+        map[2][3] = z;
+        let materials = vec![Bsdf::Diffuse { reflectance: Texture::scalar(0.5) }];
+        placed(materials, map, None).expect("exportable").1
+    };
+    // The camera stands at z = 4 and looks down.
+    for z in [-9_000.0, 1e6] {
+        assert!(!exported_at(z).contains("far_clip"), "{z}");
+    }
+    let xml = exported_at(-1e6);
+    let clip = xml.find("<float name=\"far_clip\" value=\"2000008.0\"/>").expect("it is set");
+    assert!(clip > xml.find("near_clip").expect("set") && clip < xml.find("<lookat").expect("set"), "{xml}");
+}

@@ -9,12 +9,15 @@ use crate::{
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
-    methods::{BridgeMethod, EXPECTATION, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC},
+    methods::{
+        BridgeMethod, EXPECTATION, GAUSSIAN, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization, STOCHASTIC,
+    },
     records::{Bridge, BridgeFiles, BridgeRow, Estimate, MomentsRow},
 };
 
 /// Order of rules.
-const ORDER: [&str; 6] = [HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization::McNoise.name(), EXPECTATION, STOCHASTIC];
+const ORDER: [&str; 8] =
+    [HOLD, GAUSSIAN, GAUSSIAN_TAU, LOCAL_DELTA, LOCAL_STEP, Parameterization::McNoise.name(), EXPECTATION, STOCHASTIC];
 
 /// The section. `scenes` is how many scenes' maps are shown.
 pub fn section(files: &BridgeFiles, scenes: usize) -> Section {

@@ -12,7 +12,7 @@ use std::{
 };
 use tauflow_data::{
     methods::{
-        HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization,
+        GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization,
         axes::{CONDITIONING, PARAMETERIZATION, SPACE},
     },
     records::{Bridge, Claim, ClaimVerdict, Evaluation, Evidence},
@@ -160,6 +160,11 @@ fn group(cell: &BTreeMap<String, String>) -> String {
 
 /// A text with methods by their names.
 fn named(text: &str) -> String {
-    let known = Parameterization::ALL.map(Parameterization::name).into_iter().chain([LOCAL_STEP, LOCAL_DELTA, HOLD]);
+    let known = Parameterization::ALL.map(Parameterization::name).into_iter().chain([
+        LOCAL_STEP,
+        LOCAL_DELTA,
+        GAUSSIAN_TAU,
+        HOLD,
+    ]);
     known.fold(text.to_owned(), |text, method| text.replace(method, &method_name(method)))
 }

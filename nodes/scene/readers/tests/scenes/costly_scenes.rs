@@ -129,7 +129,7 @@ fn hdr(side: usize) -> Vec<u8> {
 fn large_maps_are_spread_quickly() {
     let scene = "Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\" \"string filename\" \"p.hdr\"\nShape \
                  \"sphere\"\n";
-    let loaded = read(&[("a.pbrt", scene.as_bytes()), ("p.hdr", &hdr(2800))]).expect("a scene");
+    let loaded = read(&[("a.pbrt", scene.as_bytes()), ("p.hdr", &hdr(2000))]).expect("a scene");
     assert_eq!(loaded.scene.emitters.len(), 1);
 }
 
