@@ -8,6 +8,7 @@ import tempfile
 from typing import Optional
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ._errors import TauflowError
 from ._open import program
@@ -15,11 +16,11 @@ from .exr import read_layers, write_layers
 
 
 def denoise(
-    radiance,
-    albedo=None,
-    normal=None,
+    radiance: ArrayLike,
+    albedo: Optional[ArrayLike] = None,
+    normal: Optional[ArrayLike] = None,
     *,
-    variance=None,
+    variance: Optional[ArrayLike] = None,
     spp: Optional[int] = None,
     weights: str = "best",
     strength: float = 1.0,
@@ -33,8 +34,8 @@ def denoise(
     `spp` is the sample count, if it is known and the same in all pixels. `weights` is `best` or `fast`. `strength` is
     the share of the denoised image. Raises TauflowError if shapes differ, or the command refuses the image.
     """
-    layers = {"": radiance, "albedo": albedo, "normal": normal, "variance": variance}
-    layers = {name: np.asarray(image, np.float32) for name, image in layers.items() if image is not None}
+    given = {"": radiance, "albedo": albedo, "normal": normal, "variance": variance}
+    layers = {name: np.asarray(image, np.float32) for name, image in given.items() if image is not None}
     if (albedo is None) != (normal is None):
         raise TauflowError("`albedo` and `normal` belong together; pass both or none")
     shape = layers[""].shape

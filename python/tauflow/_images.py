@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Optional
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from ._errors import TauflowError
 
@@ -25,7 +26,7 @@ class Image:
     #: The file it comes from.
     path: str = ""
 
-    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+    def __array__(self, dtype: Optional[DTypeLike] = None, copy: Optional[bool] = None) -> np.ndarray:
         return np.array(self.data, dtype=dtype) if copy or dtype not in (None, self.data.dtype) else self.data
 
     @property

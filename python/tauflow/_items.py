@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
-from typing import Any, Dict, Iterator, List, Mapping, Optional
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional
 
 import numpy as np
 
 from ._errors import TauflowError
 from ._images import RAW, Image
 from .exr import read_layers
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 _RUNG = re.compile(r"spp-(\d+)\.exr$")
 
@@ -144,7 +148,7 @@ class Item:
         plain = {key: value for key, value in meta.items() if isinstance(value, (int, float, str, bool))}
         return [{**base, **plain}] if plain else []
 
-    def to_xarray(self):
+    def to_xarray(self) -> xr.Dataset:
         """Its images as an xarray.Dataset. Needs xarray.
 
         A ladder or packed scene has `radiance` (spp, y, x, channel), and `albedo`, `normal` and `variance` where it has
@@ -202,13 +206,13 @@ class Node(Mapping[str, Item]):
         """The rows of all items (see `Item.rows`)."""
         return [row for item in self._items.values() for row in item.rows()]
 
-    def frame(self):
+    def frame(self) -> pd.DataFrame:
         """The rows as a pandas DataFrame, axes as columns. Needs pandas."""
         from ._tables import typed
 
         return typed(self.rows())
 
-    def to_xarray(self):
+    def to_xarray(self) -> xr.Dataset:
         """The images of all items as an xarray.Dataset (see `Item.to_xarray`). Needs xarray.
 
         The first dimension is `item`, with the coordinates `scene`, `exposure` and the axes of the cells. Raises

@@ -9,11 +9,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
 
 from ._errors import TauflowError
 from ._items import Node, read_json
 from ._tables import read_rows, typed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def program() -> str:
@@ -108,7 +111,7 @@ class Results:
         """The rows of a CSV table, numbers as numbers."""
         return read_rows(self.path(table if table.endswith(".csv") else table + ".csv"))
 
-    def frame(self, table: str):
+    def frame(self, table: str) -> pd.DataFrame:
         """A CSV table as a pandas DataFrame."""
         return typed(self.rows(table))
 

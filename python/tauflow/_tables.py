@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
-from typing import Any, Dict, List
+from typing import TYPE_CHECKING, Any, Dict, List
 
 from ._errors import TauflowError
 
+if TYPE_CHECKING:
+    import pandas as pd
 
-def _pandas():
+
+def _pandas() -> Any:
     try:
         import pandas
     except ImportError:
@@ -28,7 +31,7 @@ def number(text: Any) -> Any:
     return text
 
 
-def typed(rows: List[Dict[str, Any]]):
+def typed(rows: List[Dict[str, Any]]) -> pd.DataFrame:
     """Rows as a DataFrame; a column whose every text is a number has numbers."""
     pandas = _pandas()
     frame = pandas.DataFrame(rows)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 RGB = ["r", "g", "b"]
 
 
-def xarray():
+def xarray() -> Any:
     """The package. Raises TauflowError if it is not installed."""
     try:
         import xarray as found

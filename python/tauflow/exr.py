@@ -19,7 +19,7 @@ _MAGIC = 20000630
 _COMPRESSIONS = ["none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"]
 # Lines of a chunk, by compression.
 _LINES = {0: 1, 2: 1, 3: 16}
-_TYPES = {0: np.dtype("<u4"), 1: np.dtype("<f2"), 2: np.dtype("<f4")}
+_TYPES: Dict[int, np.dtype] = {0: np.dtype("<u4"), 1: np.dtype("<f2"), 2: np.dtype("<f4")}
 # Most values of an image: 16 GiB of 32-bit numbers.
 _MOST = 1 << 32
 # How channels of a layer are ordered; others follow by name.
@@ -54,7 +54,8 @@ class _Reader:
 
 
 def _channels(reader: _Reader, data: bytes) -> List[Tuple[str, np.dtype]]:
-    inner, found = _Reader(reader.path, data), []
+    inner = _Reader(reader.path, data)
+    found: List[Tuple[str, np.dtype]] = []
     while inner.at < len(data):
         name = inner.text()
         if not name:

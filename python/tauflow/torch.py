@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Optional
+from typing import Optional, Union
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch.utils.data import Dataset
 
 from . import _network, _safetensors
@@ -62,7 +63,9 @@ class Solver:
         """Samples per pixel of the ladder that it was trained on, increasing."""
         return list(self.info["counts"])
 
-    def predict(self, state, gbuffer, tau: Optional[float]) -> torch.Tensor:
+    def predict(
+        self, state: torch.Tensor, gbuffer: Optional[torch.Tensor], tau: Optional[float]
+    ) -> torch.Tensor:
         """The network's prediction [height, width, 3] for a state at variance time `tau`, both in the model's space.
 
         `tau` is None for unknown sample counts, which a solver that was trained with `unknown_counts` accepts.
@@ -73,10 +76,10 @@ class Solver:
 
     def refine(
         self,
-        image,
+        image: ArrayLike,
         from_spp: Optional[int] = None,
         *,
-        gbuffer=None,
+        gbuffer: Optional[ArrayLike] = None,
         nfe: int = 1,
         to_spp: Optional[int] = None,
         exposure: Optional[float] = None,
@@ -91,12 +94,13 @@ class Solver:
         has the original exposure. Raises TauflowError if these do not fit the solver.
         """
         data = _checked("the image", image, 3)
+        guide: Optional[torch.Tensor] = None
         if _network.channels(self.info) == 15:
             if gbuffer is None:
                 raise TauflowError("the solver was trained with G-buffers; pass `gbuffer`, albedo and normal")
-            gbuffer = torch.from_numpy(_checked("the G-buffer", gbuffer, 6).astype(np.float64))
-            if gbuffer.shape[:2] != data.shape[:2]:
-                raise TauflowError(f"the image has the shape {data.shape}, the G-buffer {tuple(gbuffer.shape)}")
+            guide = torch.from_numpy(_checked("the G-buffer", gbuffer, 6).astype(np.float64))
+            if guide.shape[:2] != data.shape[:2]:
+                raise TauflowError(f"the image has the shape {data.shape}, the G-buffer {tuple(guide.shape)}")
         first, last = self.counts[0], self.counts[-1]
         end = last if to_spp is None else to_spp
         if from_spp is None and (nfe != 1 or to_spp is not None):
@@ -113,18 +117,18 @@ class Solver:
         log = self.info["space"] == "log1p"
         state = _network.signed_log1p(exposed) if log else exposed
         if from_spp is None:
-            state = _step(self.info["parameterization"], state, self.predict(state, gbuffer, None), 0.0, 1.0)
+            state = _step(self.info["parameterization"], state, self.predict(state, guide, None), 0.0, 1.0)
             refined = _network.signed_expm1(state) if log else state
             return (refined.numpy() / factor).astype(np.float32)
         times = [_tau(self.info, from_spp * (end / from_spp) ** (i / nfe)) for i in range(nfe)]
         times.append(1.0 if end == last else _tau(self.info, end))
         for tau, then in zip(times, times[1:]):
-            state = _step(self.info["parameterization"], state, self.predict(state, gbuffer, tau), tau, then)
+            state = _step(self.info["parameterization"], state, self.predict(state, guide, tau), tau, then)
         refined = _network.signed_expm1(state) if log else state
         return (refined.numpy() / factor).astype(np.float32)
 
 
-def load(path) -> Solver:
+def load(path: Union[str, os.PathLike[str]]) -> Solver:
     """A trained solver from a `model.safetensors`, or from a checkpoint, whose averaged weights are taken.
 
     `tauflow checkpoints PIPELINE -o DIR` and `tauflow export PIPELINE solvers.model` write such files. Raises
@@ -158,7 +162,7 @@ def load(path) -> Solver:
     return Solver(info, net.eval())
 
 
-def _checked(what: str, image, channels: int) -> np.ndarray:
+def _checked(what: str, image: ArrayLike, channels: int) -> np.ndarray:
     data = np.asarray(image, dtype=np.float32)
     if data.ndim != 3 or data.shape[2] != channels or data.size == 0:
         raise TauflowError(f"{what} has the shape {data.shape}; it must be [height, width, {channels}]")
@@ -181,7 +185,9 @@ def _tau(info: dict, count: float) -> float:
     return (first - count**-0.5) / (first - last)
 
 
-def _step(parameterization: str, state, prediction, tau: float, then: float):
+def _step(
+    parameterization: str, state: torch.Tensor, prediction: torch.Tensor, tau: float, then: float
+) -> torch.Tensor:
     """The state at `then`, from a state and a prediction at `tau`."""
     scale = {"mc_noise": -1.0, "mc_velocity": 1.0 - tau}.get(parameterization)
     if scale is not None and then >= 1.0:
