@@ -72,7 +72,11 @@ fn results(device: NetworkDevice) -> Result<Value, KindError> {
     let params = RefinementParams { nfe: vec![1, 3].try_into()?, device, ..Default::default() };
     let refined = lab.run::<Refinement>(params, &[("endpoints", endpoint)], &[("model", models[0])])?;
     let all = [("mc_noise", models[0]), ("local_velocity", models[1])];
-    let bridge = lab.run::<BridgeRefinement>(BridgeRefinementParams { device, ..Default::default() }, &[("endpoints", endpoint)], &all)?;
+    let bridge = lab.run::<BridgeRefinement>(
+        BridgeRefinementParams { device, ..Default::default() },
+        &[("endpoints", endpoint)],
+        &all,
+    )?;
     let refined = Refined::load(&ctx, &refined.items["refined"])?.images;
     let steps = BridgeSteps::load(&ctx, &bridge.items["steps"])?.images;
     let numbers = |images: RefinedImages| -> Vec<Vec<f32>> {
