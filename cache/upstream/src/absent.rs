@@ -6,7 +6,7 @@ use crate::{
     error::Failure,
     traffic::{Reads, Traffic},
 };
-use std::ops::Range;
+use std::{ops::Range, path::Path};
 use tauflow_cache::Digest;
 
 /// No value of this type exists.
@@ -59,7 +59,7 @@ impl Objects {
         match *self {}
     }
 
-    pub fn read(&self, _: &Digest, _: &Reads, _: Range<u64>) -> Result<Vec<u8>, Failure> {
+    pub fn read(&self, _: &Digest, _: &Reads, _: Range<u64>, _: Option<&Path>) -> Result<Vec<u8>, Failure> {
         match *self {}
     }
 

@@ -29,6 +29,8 @@ mod http;
 mod objects;
 #[cfg(feature = "objects")]
 mod objects;
+#[cfg(feature = "objects")]
+mod parts;
 
 mod address;
 mod copy;

@@ -8,6 +8,7 @@ use crate::{
     address::{ObjectsAt, Service},
     error::Failure,
     http::Client,
+    parts::Parts,
     traffic::{Reads, Traffic},
 };
 use bytes::Bytes;
@@ -34,8 +35,6 @@ const FIRST_READ: u64 = 256 << 10;
 const LARGEST_READ: u64 = 8 << 20;
 /// Packs up to this size are read whole.
 const READ_WHOLE: u64 = 1 << 20;
-/// Bytes that were read from packs and are kept in memory.
-const MOST_KEPT: usize = 128 << 20;
 
 /// Waits for an answer. Requests are made by this thread, so the runtime only has to wait between attempts.
 fn wait<T>(future: impl Future<Output = Result<T, Error>>) -> Result<T, Error> {
@@ -50,16 +49,8 @@ pub(crate) struct Objects {
     at: ObjectsAt,
     store: Arc<dyn ObjectStore>,
     client: Client,
-    /// Parts of packs that were read last.
-    kept: Mutex<VecDeque<Kept>>,
-}
-
-/// A part of a pack.
-#[derive(Debug)]
-struct Kept {
-    pack: Digest,
-    start: u64,
-    bytes: Bytes,
+    /// Parts of packs that were read.
+    parts: Mutex<Parts>,
 }
 
 impl Objects {
@@ -103,7 +94,7 @@ impl Objects {
             place: at.to_string(),
             why: "the environment does not configure this service completely; see docs/many_machines.md".to_owned(),
         })?;
-        Ok(Self { at: at.clone(), store, client, kept: Mutex::default() })
+        Ok(Self { at: at.clone(), store, client, parts: Mutex::default() })
     }
 
     pub fn at(&self) -> &ObjectsAt {
@@ -210,18 +201,25 @@ impl Objects {
         wait(self.store.get_range(&path, range)).map_err(|error| self.failure(name, &error))
     }
 
-    /// A range of a pack. Small ranges are read together with what lies around them.
-    pub fn read(&self, pack: &Digest, reads: &Reads, range: Range<u64>) -> Result<Vec<u8>, Failure> {
+    /// A range of a pack. Small ranges are read together with what lies around them, which waits in a directory.
+    pub fn read(
+        &self,
+        pack: &Digest,
+        reads: &Reads,
+        range: Range<u64>,
+        folder: Option<&std::path::Path>,
+    ) -> Result<Vec<u8>, Failure> {
         let name = format!("packs/{pack}.pack");
         if range.end - range.start >= LARGEST_READ / 2 {
             return self.range(&name, range).map(|bytes| bytes.to_vec());
         }
         let mut reads = reads.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(found) = self.kept(pack, &range) {
-            return Ok(found.to_vec());
+        let parts = || self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = parts().get(pack, &range) {
+            return Ok(found);
         }
         let len = if pack.size <= READ_WHOLE { READ_WHOLE } else { (FIRST_READ << (*reads).min(20)).min(LARGEST_READ) };
-        let start = self.unread(pack, range.start).unwrap_or(0).max(range.start - range.start % len);
+        let start = parts().unread(pack, range.start).unwrap_or(0).max(range.start - range.start % len);
         let end = (start + len).max(range.end).min(pack.size);
         *reads += 1;
         let bytes = self.range(&name, start..end)?;
@@ -230,34 +228,8 @@ impl Objects {
             return Err(Failure::File(format!("`{}` is truncated", self.url(&name))));
         }
         let found = bytes.slice(from..to).to_vec();
-        self.keep(Kept { pack: *pack, start, bytes });
+        parts().keep(*pack, start, bytes, folder);
         Ok(found)
-    }
-
-    /// Where to begin to read a place of a pack, so that nothing that is kept is read again; none leaves it open.
-    fn unread(&self, pack: &Digest, place: u64) -> Option<u64> {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = kept.iter().filter(|part| part.pack == *pack && part.start <= place);
-        // A kept part may hold the first bytes that are wanted, but not all of them.
-        before.map(|part| (part.start + part.bytes.len() as u64).min(place)).max()
-    }
-
-    fn kept(&self, pack: &Digest, range: &Range<u64>) -> Option<Bytes> {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let holds = |part: &&Kept| {
-            part.pack == *pack && part.start <= range.start && range.end <= part.start + part.bytes.len() as u64
-        };
-        let part = kept.iter().find(holds)?;
-        Some(part.bytes.slice((range.start - part.start) as usize..(range.end - part.start) as usize))
-    }
-
-    fn keep(&self, part: Kept) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.push_back(part);
-        let mut size: usize = kept.iter().map(|part| part.bytes.len()).sum();
-        while size > MOST_KEPT && kept.len() > 1 {
-            size -= kept.pop_front().map_or(0, |part| part.bytes.len());
-        }
     }
 
     /// Writes a file that never changes, unless it is there. A file is visible once it is complete.

@@ -424,7 +424,7 @@ impl Upstream {
                 read_at(file, offset, digest.size).map_err(|error| wrong(&format!("cannot be read ({error})")))?
             }
             (From::Object(reads), Place::Objects(objects)) if digest.size > 0 => {
-                match objects.read(&pack.digest, reads, offset..end) {
+                match objects.read(&pack.digest, reads, offset..end, self.kept.as_deref()) {
                     Ok(bytes) => bytes,
                     Err(lost @ Failure::Place(_)) => return Err(lost),
                     Err(failure) => return Err(wrong(&format!("cannot be read ({})", failure.note()))),
