@@ -12,7 +12,7 @@ use crate::{
     engine::EngineError,
     ids::{Id, PortId},
     kinds::Registry,
-    pipeline::{Node, Pipeline},
+    pipeline::Pipeline,
     query::{Exposures, Family, Reading, Selection},
 };
 use clap::Args;
@@ -262,10 +262,19 @@ fn send(mut gallery: Gallery<'_>, address: &str) -> Result<(), Failure> {
 /// The error of a node without images, with nodes that have some.
 fn no_images(args: &ViewArgs, sources: &Sources<'_>) -> String {
     let pictures = [Ladder::NAME, PackedScene::NAME, Refined::NAME, Rollout::NAME, BridgeSteps::NAME, Generated::NAME];
-    let has = |node: &&Node| node.spec.outputs.first().is_some_and(|port| pictures.contains(&port.media));
-    let names: Vec<String> =
-        sources.pipeline.nodes.iter().filter(has).take(8).map(|node| format!("`{}`", node.name)).collect();
-    let others =
-        if names.is_empty() { String::new() } else { format!("; name a node with images: {}", names.join(", ")) };
+    let pipeline = sources.pipeline;
+    let name = |at: usize| {
+        let node = &pipeline.nodes[at];
+        let has = node.spec.outputs.first().is_some_and(|port| pictures.contains(&port.media));
+        has.then(|| format!("`{}`", node.name))
+    };
+    let read: Vec<String> = pipeline.reads(sources.own.0).into_iter().filter_map(name).collect();
+    let others = match read.as_slice() {
+        [] => {
+            let names: Vec<String> = (0..pipeline.nodes.len()).filter_map(name).take(8).collect();
+            if names.is_empty() { String::new() } else { format!("; name a node with images: {}", names.join(", ")) }
+        }
+        read => format!("; name a node that it reads: {}", read.join(", ")),
+    };
     format!("the items of `{}` have no images of scenes{others}", args.node)
 }

@@ -157,3 +157,53 @@ fn samples_of_a_backbone_are_compared_with_the_frozen_one() {
     let psnr = index["metrics"][0]["values"]["1"][0].as_f64().expect("a number");
     assert!((psnr - 6.021).abs() < 1e-3, "{psnr}");
 }
+
+const BRIDGE: &str = r#"  solvers:
+    kind: training
+    matrix: { parameterization: [mc_noise, local_velocity] }
+    inputs: { train: packed }
+    params: { conditioning: rgb, preset: tiny, steps: 0 }
+  rungs:
+    kind: ladder_rendering
+    inputs: { scenes: gate.accepted }
+    params: { rungs: [1, 2, 3, 4], resolution: [16, 16] }
+  endpoints:
+    kind: dataset_packing
+    inputs: { ladders: rungs, exposure: gate.exposure }
+  steps:
+    kind: bridge_refinement
+    inputs:
+      endpoints: endpoints
+      mc_noise: "solvers[parameterization=mc_noise].model"
+      local_velocity: "solvers[parameterization=local_velocity].model"
+    params: { gaussian: 0.7 }
+  bridge:
+    kind: bridge_validation
+    inputs: { endpoints: endpoints, steps: steps }
+    params: { resamples: 50, map_scenes: 0 }
+"#;
+
+#[test]
+fn each_method_of_a_bridge_is_a_track_of_its_stops() {
+    let place = Place::with(&format!("{PIPELINE}{BRIDGE}"));
+    place.tauflow(&["run", "small.yaml", "--target", "bridge"]).ends(0);
+    place.tauflow(&["view", "small.yaml", "steps"]).ends(0);
+    let index = index(&place, "steps.html");
+    let ids: Vec<&str> = index["frames"].as_array().expect("frames").iter().filter_map(|f| f["id"].as_str()).collect();
+    for method in ["hold", "mc_noise", "mc_noise+log1p", "local_delta", "expectation", "gaussian", "gaussian_tau"] {
+        let stops = ["1 \u{2192} 2", "2 \u{2192} 3", "3 \u{2192} 4", "1 \u{2192} 4", "2 \u{2192} 4"];
+        for stop in stops.map(|stop| format!("steps: {method}/{stop} spp")) {
+            assert!(ids.contains(&stop.as_str()), "{stop}: {ids:?}");
+        }
+    }
+    // The real rungs stand beside them.
+    assert!(ids.contains(&"endpoints: rungs/3 spp"), "{ids:?}");
+    // The tables of a bridge have no images, but say where they are.
+    let tables = place.tauflow(&["view", "small.yaml", "bridge"]).ends(2);
+    assert!(tables.err.contains("name a node that it reads: `endpoints`, `steps`"), "{}", tables.err);
+    let Some(mut browser) = Browser::start("a bridge in the viewer") else { return };
+    browser.size(1400, 800);
+    browser.open(&place.path("steps.html"));
+    browser.wait("now.a !== null");
+    assert!(browser.problems().is_empty(), "{:#?}", browser.problems());
+}
