@@ -180,7 +180,7 @@ const BRIDGE: &str = r#"  solvers:
   bridge:
     kind: bridge_validation
     inputs: { endpoints: endpoints, steps: steps }
-    params: { resamples: 50, map_scenes: 0 }
+    params: { resamples: 100, map_scenes: 0 }
 "#;
 
 #[test]
