@@ -38,7 +38,7 @@ pub use executor::{Apart, ChildCommand, JobOption, JobOptions, Scheduling, Share
 pub use lanes::Only;
 pub(crate) use lanes::target_ports;
 pub use measured::Measured;
-pub use reached::{holds_anywhere, reached, seen_by};
+pub use reached::{Reached, holds_anywhere, reached, seen_by};
 pub use records::{ACTION, MACHINE, PIPELINE, ROLLUP, SEEN, SHARD, now};
 pub use sharded::Listed;
 

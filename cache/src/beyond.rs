@@ -22,12 +22,32 @@ pub trait Beyond: Debug + Send + Sync {
 
     /// A blob, if it is there.
     fn blob(&self, digest: &Digest) -> Option<Vec<u8>>;
+
+    /// Whether what others add there may be seen late.
+    fn lists_late(&self) -> bool {
+        false
+    }
+
+    /// Looks for what others have added since.
+    fn look_again(&self) {}
 }
 
 impl Store {
     /// Has this store ask there for what it lacks: look-ups, reads of blobs, and questions whether a blob is there.
     pub fn look_beyond(&mut self, beyond: Arc<dyn Beyond>) {
         self.beyond = Some(beyond);
+    }
+
+    /// Whether what others add beyond may be seen late.
+    pub fn beyond_lists_late(&self) -> bool {
+        self.beyond.as_ref().is_some_and(|beyond| beyond.lists_late())
+    }
+
+    /// Sees what others have added beyond.
+    pub fn refresh_beyond(&self) {
+        if let Some(beyond) = &self.beyond {
+            beyond.look_again();
+        }
     }
 
     /// The keys of a namespace's records here and there, sorted.

@@ -42,10 +42,18 @@ impl Store {
     /// # Errors
     /// When it cannot be written; what was stored before is not affected.
     pub fn put(&self, bytes: &[u8]) -> Result<Digest, CacheError> {
+        self.put_unless_here(bytes).map(|(digest, _)| digest)
+    }
+
+    /// As [`put`](Self::put); says also whether the blob is new.
+    ///
+    /// # Errors
+    /// As [`put`](Self::put).
+    pub fn put_unless_here(&self, bytes: &[u8]) -> Result<(Digest, bool), CacheError> {
         let digest = Digest::of(bytes);
         if self.hold(&digest)? {
             self.rely_on([digest]);
-            return Ok(digest);
+            return Ok((digest, false));
         }
         self.writes()?;
         if digest.size < LOOSE_FROM {
@@ -53,7 +61,7 @@ impl Store {
         } else {
             self.put_loose(&digest, bytes)?;
         }
-        Ok(digest)
+        Ok((digest, true))
     }
 
     /// Reads a blob and checks it. `None` when it is missing, or damaged: then it goes to quarantine. A blob that only

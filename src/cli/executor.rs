@@ -74,6 +74,11 @@ enum Where {
 }
 
 impl ExecutorArgs {
+    /// Whether jobs have a cache of their own.
+    pub(crate) fn has_worker_cache(&self) -> bool {
+        self.worker_cache.is_some()
+    }
+
     /// The executor, for so many actions or jobs at a time; 0 leaves it to the executor.
     pub(crate) fn executor(&self, cache: &CacheAt, pipeline: &Pipeline, jobs: usize) -> Result<ExecutorKind, CliError> {
         if self.executor != Where::Command && (self.submit.is_some() || self.poll.is_some() || self.cancel.is_some()) {
@@ -189,7 +194,8 @@ fn worker(cache: &CacheAt, push: bool) -> Result<ChildCommand, CliError> {
         command.args(["exec", "--batch"]).arg(batch).arg("--cache").arg(store);
         command.args(push.then_some("--push"));
         // One that cannot be used was told, and children are not to tell it again.
-        let usable = reader.as_ref().is_some_and(|reader| !reader.is_lost());
+        // A job that pushes cannot do without.
+        let usable = push || reader.as_ref().is_some_and(|reader| !reader.is_lost());
         command.arg("--upstream").arg(if usable { upstream.as_str() } else { "" });
         command.arg("--upstream-key").arg(&key);
         command

@@ -126,6 +126,11 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         let message = "--locked and --update-lock do not accept --set and --target; define a profile instead";
         return Err(CliError::Bad(message.into()));
     }
+    if args.executor.has_worker_cache() && args.recheck.max(args.audit) > 0.0 {
+        let message = "--recheck and --audit do not work with --worker-cache, whose jobs compare with what they fetch: \
+                       compare in a run without it";
+        return Err(CliError::Bad(message.into()));
+    }
     if args.push {
         upstream::prepare(cache, args.sign.as_deref())?;
     }

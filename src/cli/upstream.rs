@@ -93,7 +93,17 @@ fn signer(at: &CacheAt, file: Option<&Path>) -> Result<Option<SecretKey>, CliErr
                 .into(),
         ));
     }
-    Ok(file.map(SecretKey::read).transpose()?)
+    let Some(file) = file else { return Ok(None) };
+    let (key, pinned) = (SecretKey::read(file)?, at.upstream_key()?);
+    match pinned {
+        Some(pinned) if key.public()?.to_string() != pinned.to_string() => Err(CliError::Bad(format!(
+            "the upstream is pinned to the key {pinned}, and `{}` signs with another one; sign with the key of the \
+             upstream, or pin it to {}",
+            file.display(),
+            key.public()?
+        ))),
+        _ => Ok(Some(key)),
+    }
 }
 
 /// The upstream that signs with this key.
@@ -214,6 +224,13 @@ fn lines(pushed: &Pushed, verb: &str) -> Vec<String> {
             counted(pushed.incomplete, "record")
         ));
     }
+    if pushed.left > 0 {
+        lines.push(format!(
+            "{} left out, because they came from another upstream and not all of their blobs are here; `cache pull` \
+             from that upstream copies them",
+            counted(pushed.left, "record")
+        ));
+    }
     lines
 }
 
@@ -221,24 +238,39 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
     required(at)?;
     let key = signer(at, args.sign.as_deref())?;
     let store = super::cache::made(at)?;
+    // Where there is no upstream yet, a dry run has nothing to compare with, and makes none.
+    let upstream = signing(if args.dry_run { opened(at)? } else { created(at)? }, key)?;
+    let mut missing = 0;
     let keys = match &args.pipeline {
         None => tauflow_upstream::all(&store, PUSHED),
         Some(file) => {
             let (profile, sets) = (args.profile.clone(), args.sets.clone());
             let pipeline = PipelineArgs { pipeline: file.clone(), profile, sets, targets: Vec::new() };
-            engine::reached(&pipeline.resolve(registry)?, &store)?
+            let reached = published(&pipeline.resolve(registry)?, at)?;
+            missing = reached.missing;
+            reached.keys
         }
     };
     // Whoever accepts measurements looks for the machines first.
     let machines = if args.all { tauflow_upstream::all(&store, &[engine::MACHINE]) } else { Vec::new() };
     let keys = [keys, machines].concat();
-    // Where there is no upstream yet, a dry run has nothing to compare with, and makes none.
-    let upstream = signing(if args.dry_run { opened(at)? } else { created(at)? }, key)?;
     let free = |record: &Record| args.all || engine::holds_anywhere(record, registry);
     let pushed = send(&store, &upstream, &keys, &free, args.dry_run)?;
     lines(&pushed, if args.dry_run { "would push" } else { "pushed" }).iter().for_each(|line| outln!("{line}"));
+    if missing > 0 {
+        outln!(
+            "{} of the pipeline are not there and were not pushed; `tauflow run` makes them",
+            counted(missing, "result")
+        );
+    }
     tell_traffic(&upstream);
     Ok(noted(&pushed.notes))
+}
+
+/// The results of a pipeline that the cache and the upstream have. What one of them has rests on results that only the
+/// other may have: a run that finds a whole node in the upstream copies none of its actions.
+fn published(pipeline: &Pipeline, at: &CacheAt) -> Result<engine::Reached, CliError> {
+    Ok(engine::reached(pipeline, &at.look()?)?)
 }
 
 /// Publishes the results of a pipeline at the end of its run, signed with the key in a file. The error says that they
@@ -252,7 +284,7 @@ pub(crate) fn publish(
     let store = at.alone()?;
     let send = || -> Result<Pushed, CliError> {
         let upstream = signing(created(at)?, signer(at, sign)?)?;
-        let keys = engine::reached(pipeline, &store)?;
+        let keys = published(pipeline, at)?.keys;
         let pushed = send(&store, &upstream, &keys, &|record| engine::holds_anywhere(record, registry), false);
         tell_traffic(&upstream);
         pushed

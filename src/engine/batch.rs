@@ -173,8 +173,8 @@ impl BatchedAction {
         Ok(Self { action: file, handling, compare: action.before.is_some() })
     }
 
-    /// Executes it. A network file system may list inputs late: while some are missing there, it is tried again for a
-    /// minute.
+    /// Executes it. A network file system may list inputs late, in the cache or in the upstream: while some are missing
+    /// there, it is tried again for a minute.
     fn run_with_inputs(
         self,
         site: &ExecSite<'_>,
@@ -183,12 +183,14 @@ impl BatchedAction {
         let (store, begun) = (site.holdings.store, Instant::now());
         loop {
             let done = self.clone().run(site, progress);
-            let late = matches!(done.0.outcome, Outcome::Missing(_)) && store.file_system().network.is_some();
+            let missing = matches!(done.0.outcome, Outcome::Missing(_));
+            let late = missing && (store.file_system().network.is_some() || store.beyond_lists_late());
             if !late || begun.elapsed() > LISTED_LATE || site.stop.load(Ordering::Relaxed) {
                 return Ok(done);
             }
             thread::sleep(Duration::from_millis(500));
             store.refresh()?;
+            store.refresh_beyond();
         }
     }
 

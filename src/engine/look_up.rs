@@ -37,8 +37,10 @@ pub struct Catalog<'a> {
     pub keep_keys: bool,
     /// The share of hits that run again and are compared.
     pub recheck: f64,
-    /// The same share of hits that came from an upstream.
+    /// The same share of hits that came from an upstream. Each machine audits others.
     pub audit: f64,
+    /// What tells this machine's share from those of others.
+    pub salt: u32,
 }
 
 /// The key of an action, its hash, and the artifact of the files outside that it reads.
@@ -213,12 +215,14 @@ impl Catalog<'_> {
         Ok(files_artifact(&of.files, put)?.map(Some))
     }
 
-    /// Whether a hit runs again. The sample depends on the keys alone.
+    /// Whether a hit runs again. The sample depends on the keys, and for an audit on the machine: a lab whose machines
+    /// all audited the same results would never see the others.
     fn is_compared(&self, hash: &Key, record: Option<&Record>, task: &Task) -> bool {
         let head = u32::from_le_bytes([hash.0[0], hash.0[1], hash.0[2], hash.0[3]]);
-        let sampled = |share: f64| f64::from(head) < share * f64::from(u32::MAX);
+        let sampled = |share: f64, salt: u32| f64::from(head ^ salt) < share * f64::from(u32::MAX);
         let is_portable = |record: &Record| Payload::of(record).is_some_and(|p| p.is_portable(&task.producer.spec));
-        sampled(self.recheck) || sampled(self.audit) && record.is_some_and(|of| of.fetched && is_portable(of))
+        sampled(self.recheck, 0)
+            || sampled(self.audit, self.salt) && record.is_some_and(|of| of.fetched && is_portable(of))
     }
 }
 

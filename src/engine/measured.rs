@@ -78,6 +78,13 @@ impl Machine {
         found
     }
 
+    /// Whether it is meant by its host, or by its host and the beginning of its key.
+    fn is_named(&self, name: &str) -> bool {
+        let by_key =
+            |(host, key): (&str, &str)| host == self.host && !key.is_empty() && self.key().hex().starts_with(key);
+        name == self.host || name.rsplit_once('@').is_some_and(by_key)
+    }
+
     fn words(&self) -> String {
         named(&self.machine).map_or_else(|| self.host.clone(), |of| format!("{} ({of})", self.host))
     }
@@ -142,10 +149,17 @@ impl Measured {
         let known = Machine::known(store);
         let here = Machine::here().machine;
         let meant: Vec<&Machine> = match host {
-            Some(host) => known.iter().filter(|of| of.host == host).collect(),
+            Some(named) => known.iter().filter(|of| of.is_named(named)).collect(),
             None => known.iter().filter(|of| of.machine != here).collect(),
         };
-        let list = |of: &[&Machine]| of.iter().map(|of| of.words()).collect::<Vec<_>>().join(", ");
+        // One host measures as several machines, if it had other cores or settings at times.
+        let full = |of: &Machine| format!("{}@{}", of.host, &of.key().hex()[..8]);
+        let is_alone = |of: &Machine| known.iter().filter(|other| other.host == of.host).count() == 1;
+        let name = |of: &Machine| if is_alone(of) { of.host.clone() } else { full(of) };
+        let list = |of: &[&Machine]| {
+            let one = |of: &&Machine| of.words().replacen(&of.host, &name(of), 1);
+            of.iter().map(one).collect::<Vec<_>>().join(", ")
+        };
         match meant[..] {
             [of] => {
                 let machine = (of.machine != here).then(|| of.machine.clone());
@@ -163,7 +177,7 @@ impl Measured {
             _ => Err(EngineError::Request(format!(
                 "--accept-measured: several machines measured: {}; name one, as in --accept-measured={}",
                 list(&meant),
-                meant[0].host
+                name(meant[0])
             ))),
         }
     }

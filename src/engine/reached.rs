@@ -16,23 +16,34 @@ use std::{
 };
 use tauflow_cache::{Digest, Key, Record, Store};
 
-/// The records of a pipeline's results, as far as they are there: each namespace, and the key.
+/// The records of a pipeline's results in a store.
+pub struct Reached {
+    /// Each namespace, and the key.
+    pub keys: Vec<(&'static str, Key)>,
+    /// Number of actions whose results are not there, as far as it is known.
+    pub missing: u64,
+}
+
+/// The records of a pipeline's results, as far as they are there.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn reached(pipeline: &Pipeline, store: &Store) -> Result<Vec<(&'static str, Key)>, EngineError> {
+pub fn reached(pipeline: &Pipeline, store: &Store) -> Result<Reached, EngineError> {
     let stop = AtomicBool::new(false);
     // Item by item: a lane that is up to date would hide its actions.
     let options = RunOptions { dry: true, no_rollup: true, ..RunOptions::default() };
     let mut run = Run::looking(pipeline, store, &options, &stop, &|_| {})?;
     run.keep_keys = true;
-    run.finish()?;
+    let summary = run.finish()?;
     let hits = run.planned.iter().filter(|planned| planned.ended == Ended::Hit);
     let actions: BTreeSet<Key> = hits.map(|planned| planned.key.hash()).collect();
     let lanes: BTreeSet<Key> = run.rolled_lanes()?.into_iter().collect();
     let shards = shards(pipeline, store, &lanes)?;
     let of = |namespace: &'static str, keys: BTreeSet<Key>| keys.into_iter().map(move |key| (namespace, key));
-    Ok(of(ACTION, actions).chain(of(SHARD, shards)).chain(of(ROLLUP, lanes)).collect())
+    Ok(Reached {
+        keys: of(ACTION, actions).chain(of(SHARD, shards)).chain(of(ROLLUP, lanes)).collect(),
+        missing: summary.total(|node| node.ran + node.blocked),
+    })
 }
 
 /// The shards that these lanes consist of: a lane's listing names those of its shards.

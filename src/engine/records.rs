@@ -146,7 +146,7 @@ impl<'a> StoreBlobs<'a> {
         self.fatal.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Bytes of the blobs that the action has made, whether or not they were there before.
+    /// Bytes of the blobs that the action has made and that were not there before.
     pub fn made(&self) -> u64 {
         self.made.load(Ordering::Relaxed)
     }
@@ -191,9 +191,16 @@ impl Blobs for StoreBlobs<'_> {
     }
 
     fn put(&self, bytes: &[u8]) -> Result<Digest, KindError> {
-        self.made.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        let Some(staged) = &self.staged else { return self.store.put(bytes).map_err(|e| self.fail(e)) };
+        let made = || self.made.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        let Some(staged) = &self.staged else {
+            let (digest, is_new) = self.store.put_unless_here(bytes).map_err(|e| self.fail(e))?;
+            if is_new {
+                made();
+            }
+            return Ok(digest);
+        };
         let digest = Digest::of(bytes);
+        made();
         let mut staged = staged.lock().unwrap_or_else(PoisonError::into_inner);
         staged.entry(digest).or_insert_with(|| Arc::new(bytes.to_vec()));
         Ok(digest)

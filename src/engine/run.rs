@@ -266,7 +266,9 @@ impl<'a> Run<'a> {
         let pool = self.pool.clone();
         let holdings = Holdings { store: self.store, pool: pool.as_deref(), wanted };
         let RunOptions { dry, recheck, audit, .. } = *options;
-        let catalog = Catalog { holdings, dry, keep_keys: self.keep_keys, recheck, audit };
+        let [a, b, c, d, ..] = Digest::of(records::maker().as_bytes()).hash;
+        let salt = u32::from_le_bytes([a, b, c, d]);
+        let catalog = Catalog { holdings, dry, keep_keys: self.keep_keys, recheck, audit, salt };
         // Roll-ups would hide the items that a recheck, an audit or `--only` looks at. Where something is missing they
         // hide what else may be: item by item, a pass finds at once all that can be found.
         let whole = options.recheck == 0.0 && options.audit == 0.0 && options.only.is_none() && !options.no_rollup;

@@ -173,7 +173,7 @@ pub fn simulate(
         &|kind, params, group| Asking::new(recorded, false).measuring(machine).environment(kind, params, group);
     let lanes = lanes::demand(pipeline, &pipeline.targets, None, environment)?;
     let holdings = Holdings::stored(&empty, &wanted);
-    let catalog = Catalog { holdings, dry: false, keep_keys: false, recheck: 0.0, audit: 0.0 };
+    let catalog = Catalog { holdings, dry: false, keep_keys: false, recheck: 0.0, audit: 0.0, salt: 0 };
     let tasks = request::tasks(pipeline, &lanes, &measured);
     let mut scheduler = Scheduler::new(pipeline, &lanes, tasks, wanted.clone(), &ran, true, &options);
     let mut budget = Budget::new(of.workers, u64::MAX);

@@ -111,6 +111,12 @@ fn of_several_machines_one_is_named() {
     let run = |more: &str| with_threads(place.machine("c", &["run", "small.yaml", more]), "3");
     let said = run("--accept-measured").ends(2);
     assert!(said.err.contains("several machines measured") && said.err.contains("name one"), "{}", said.err);
+    // One host that measured with other settings has a name for each.
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").expect("Linux has it");
+    let said = run(&format!("--accept-measured={}", host.trim())).ends(2);
+    let (_, named) = said.err.split_once("name one, as in ").expect("a name");
+    let named = run(named.trim()).ends(0);
+    assert!(named.err.contains("nothing to do"), "{}", named.err);
     let said = run("--accept-measured=nobody").ends(2);
     assert!(said.err.contains("no measurements of `nobody`"), "{}", said.err);
 }

@@ -1,6 +1,6 @@
 //! `run --shard`: runs that each do a share, and meet in the cache.
 
-use crate::{Place, Said};
+use crate::{PIPELINE, Place, Said};
 use std::process::Child;
 
 fn ran(said: &Said) -> usize {
@@ -45,4 +45,25 @@ fn shares_that_wait_do_the_whole_run_together() {
         all.into_iter().map(|child| Said::of(&child.wait_with_output().expect("it ends")).ends(0)).collect();
     assert!(said.iter().all(|said| said.err.contains("agrees") && ran(said) > 0), "{said:#?}");
     assert_eq!(said.iter().map(ran).sum::<usize>(), 10, "nothing is done twice: {said:#?}");
+}
+
+#[test]
+fn who_waits_is_told_what_failed_in_another_shard() {
+    let place = Place::with(&PIPELINE.replace("train: 2,", "train: 200,"));
+    let cache = place.path("other").display().to_string();
+    let start = |share: &str| {
+        let mut command = place.command(&["run", "small.yaml", "--shard", share, "--wait", "--cache", &cache]);
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        command.spawn().expect("the program starts")
+    };
+    // What failed in the first round is tried again in the second.
+    for round in 0..2 {
+        let all: Vec<Child> = ["1/2", "2/2"].map(start).into_iter().collect();
+        let said: Vec<Said> =
+            all.into_iter().map(|child| Said::of(&child.wait_with_output().expect("it ends"))).collect();
+        let told = |text: &str| said.iter().filter(|said| said.err.contains(text)).count();
+        assert!(said.iter().all(|said| said.code == 1), "{said:#?}");
+        assert_eq!(told(" failed on it: "), 1, "{round}: {said:#?}");
+        assert_eq!(told("strata fall short"), 2, "{round}: {said:#?}");
+    }
 }

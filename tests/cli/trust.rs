@@ -89,6 +89,10 @@ fn an_upstream_that_is_pinned_to_a_key_serves_what_the_key_signed() {
     assert!(said.contains("has no signature of the key") && said.contains(&key), "{said}");
     let pack = indices(&place, "index").remove(0);
     assert!(said.contains(&pack.display().to_string()) && said.contains(" ran, "), "{said}");
+    // A signature of another key would be in vain.
+    place.on("a", &["cache", "keygen", "mine.key"]).ends(0);
+    let refused = place.on("a", &["cache", "push", "--sign", "mine.key", "--upstream-key", &key]).ends(2);
+    assert!(refused.err.contains("signs with another one"), "{}", refused.err);
     // What was pushed without a signature is signed by the next push.
     place.on("a", &["cache", "push", "--sign", "lab.key"]).ends(0);
     assert_eq!(indices(&place, "minisig").len(), 1);

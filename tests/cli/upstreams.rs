@@ -62,7 +62,7 @@ fn damage_is_a_note_and_the_run_makes_the_rest() {
         }
     }
     let said = place.on("b", &["cache", "pull"]).ends(1);
-    assert!(said.err.contains("note: pack ") && said.err.contains("is truncated"), "{}", said.err);
+    assert!(said.err.contains("note: pack ") && said.err.contains("is missing or truncated"), "{}", said.err);
     assert!(said.out.contains("left out, because blobs are missing or damaged"), "{}", said.out);
     place.on("b", &["run", "small.yaml"]).ends(0);
     place.on("b", &["cache", "verify"]).ends(0);
@@ -225,4 +225,83 @@ fn a_program_without_object_stores_says_so_and_runs() {
     assert_eq!(said.err.matches("note: the upstream is not used: ").count(), 1, "{}", said.err);
     assert!(said.err.contains("without the feature `objects`"), "{}", said.err);
     place.on("b", &["cache", "pull", "--upstream", "https://lab.example/x"]).ends(2);
+}
+
+/// Scenes, and renders of them whose size the command line may change.
+const RENDERS: &str = "\
+pipeline: small
+seed: 3
+nodes:
+  scenes:
+    kind: scene_generation
+    params: { pool: 4, views: [1, 1], regimes: [L0], contexts: [open] }
+  ladders:
+    kind: ladder_rendering
+    inputs: { scenes: scenes }
+    params: { rungs: [1, 2], resolution: [8, 8] }
+";
+
+#[test]
+fn what_rests_on_results_of_others_is_published_item_by_item() {
+    let place = Place::with(RENDERS);
+    let larger = ["--set", "ladders.resolution=[16, 16]"];
+    place.on("a", &["run", "small.yaml", "--push"]).ends(0);
+    // B finds the scenes as a whole, and renders. Actions under what it found as a whole were never looked up.
+    let said = place.on("b", &[&["run", "small.yaml", "--push"], &larger[..]].concat()).ends(0);
+    assert!(said.err.contains("4 actions ran"), "{}", said.err);
+    let said = place.on("c", &[&["run", "small.yaml", "--no-rollup"], &larger[..]].concat()).ends(0);
+    assert!(said.err.contains("nothing to do"), "{}", said.err);
+    // The same by `cache push`, of a machine that did not push its run.
+    let wide = ["--set", "ladders.resolution=[16, 8]"];
+    place.on("d", &[&["run", "small.yaml"], &wide[..]].concat()).ends(0);
+    let pushed = place.on("d", &[&["cache", "push", "small.yaml"], &wide[..]].concat()).ends(0).out;
+    assert!(pushed.starts_with("pushed ") && !pushed.contains("not there"), "{pushed}");
+    let said = place.on("e", &[&["run", "small.yaml", "--no-rollup"], &wide[..]].concat()).ends(0);
+    assert!(said.err.contains("nothing to do"), "{}", said.err);
+}
+
+#[test]
+fn what_came_from_another_upstream_is_said_to_be_left_out() {
+    let place = Place::with(RENDERS);
+    place.on("a", &["run", "small.yaml", "--push"]).ends(0);
+    place.on("b", &["run", "small.yaml", "--no-rollup"]).ends(0);
+    let other = place.path("other").display().to_string();
+    let pushed = place.on("b", &["cache", "push", "--upstream", &other]).ends(0).out;
+    assert!(pushed.contains("8 records left out, because they came from another upstream"), "{pushed}");
+    let pushed = place.on("b", &["cache", "push", "small.yaml", "--upstream", &other]).ends(0).out;
+    assert!(pushed.contains("left out, because they came from another upstream"), "{pushed}");
+    // A machine that found everything as a whole has none of the actions.
+    place.on("c", &["run", "small.yaml"]).ends(0);
+    let pushed = place.on("c", &["cache", "push", "small.yaml", "--upstream", &other]).ends(0).out;
+    assert!(pushed.contains("8 results of the pipeline are not there"), "{pushed}");
+    // With all blobs, they are published.
+    place.on("b", &["cache", "pull"]).ends(0);
+    let pushed = place.on("b", &["cache", "push", "--upstream", &other]).ends(0).out;
+    assert!(!pushed.contains("left out"), "{pushed}");
+    let said = place.on("d", &["run", "small.yaml", "--no-rollup", "--upstream", &other]).ends(0);
+    assert!(said.err.contains("nothing to do"), "{}", said.err);
+}
+
+#[test]
+fn a_push_adds_blobs_again_whose_pack_is_lost() {
+    let place = Place::with(RENDERS);
+    place.on("a", &["run", "small.yaml", "--push"]).ends(0);
+    let packs = || {
+        let entries = fs::read_dir(place.path("shared/packs")).expect("readable").filter_map(Result::ok);
+        let paths = entries.map(|entry| entry.path());
+        paths.filter(|path| path.extension().is_some_and(|extension| extension == "pack")).collect::<Vec<_>>()
+    };
+    let pack = packs().remove(0);
+    fs::remove_file(&pack).expect("there");
+    let shared = place.path("shared").display().to_string();
+    let stat = place.on("b", &["cache", "stat", "--upstream", &shared]).ends(1);
+    assert!(stat.err.contains("is missing or truncated") && stat.err.contains("`cache push`"), "{}", stat.err);
+    let pushed = place.on("a", &["cache", "push"]);
+    assert!(pushed.out.starts_with("pushed 0 records and "), "{}", pushed.out);
+    assert!(!pushed.out.contains(" and 0 blobs"), "{}", pushed.out);
+    assert_eq!(packs().len(), 1);
+    let said = place.on("b", &["run", "small.yaml", "--no-rollup"]).ends(0);
+    assert!(said.err.contains("nothing to do"), "{}", said.err);
+    place.on("b", &["cache", "pull"]).ends(0);
+    place.on("a", &["cache", "stat", "--upstream", &shared]).ends(0);
 }

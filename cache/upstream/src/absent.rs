@@ -51,7 +51,7 @@ impl Objects {
         match *self {}
     }
 
-    pub fn packs(&self) -> Result<Vec<String>, UpstreamError> {
+    pub fn packs(&self) -> Result<Vec<(String, u64)>, UpstreamError> {
         match *self {}
     }
 

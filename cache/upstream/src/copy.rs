@@ -31,6 +31,8 @@ pub struct Pushed {
     pub same: u64,
     /// Records that were left out, because blobs of theirs are missing or damaged here.
     pub incomplete: u64,
+    /// Records that were left out, because they came from another upstream, and blobs of theirs never did.
+    pub left: u64,
     /// Records that were left out, because they may not leave their machine.
     pub bound: u64,
     /// Damage that was found in the upstream, a sentence each.
@@ -78,24 +80,27 @@ pub fn push(
     dry_run: bool,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Pushed, UpstreamError> {
-    let Contents { blobs, records, notes, .. } = upstream.contents()?;
+    let Contents { blobs, records, lost, notes, .. } = upstream.contents()?;
+    let lost: HashSet<Digest> = lost.into_values().flatten().collect();
     let mut there: HashSet<Digest> = blobs.into_keys().collect();
     let mut pushed = Pushed { notes, ..Pushed::default() };
     let mut writer = Writer::new(upstream);
     for (n, (namespace, key)) in keys.iter().enumerate() {
         progress(n as u64, keys.len() as u64);
         let Some(record) = store.read(namespace, key) else { continue };
-        if records.contains(&identity(&record)) {
+        let same = records.contains(&identity(&record));
+        if same {
             pushed.same += 1;
-            continue;
-        }
-        if !free(&record) {
+            if lost.is_empty() {
+                continue;
+            }
+        } else if !free(&record) {
             pushed.bound += 1;
             continue;
         }
         let mut complete = true;
         for digest in store.reach(&record.refs, &record.trees)? {
-            if there.contains(&digest) {
+            if there.contains(&digest) || same && !lost.contains(&digest) {
                 continue;
             }
             let Some(bytes) = store.get(&digest)? else {
@@ -108,6 +113,14 @@ pub fn push(
             if !dry_run {
                 writer.blob(digest, bytes)?;
             }
+        }
+        if same {
+            continue;
+        }
+        // The blobs of a fetched record stay where they are until they are read.
+        if !complete && record.fetched {
+            pushed.left += 1;
+            continue;
         }
         if !complete && !record.transient {
             pushed.incomplete += 1;

@@ -114,14 +114,36 @@ pub struct Contents {
     pub(crate) indices: Vec<Digest>,
     /// The packs.
     pub(crate) packs: HashSet<Digest>,
+    /// The packs that are whole, if the upstream was asked.
+    standing: Option<HashSet<Digest>>,
+    /// Blobs that were in packs which are missing or truncated now, and in no other one: by pack.
+    pub(crate) lost: HashMap<Digest, HashSet<Digest>>,
     /// Damage that was found, a sentence each.
     pub notes: Vec<String>,
 }
 
 impl Contents {
+    /// Reads all indices, and looks whether their packs are there.
     pub(crate) fn read(upstream: &Upstream) -> Result<Self, UpstreamError> {
         let mut contents = Self::default();
-        contents.refresh(upstream)?;
+        let indices = upstream.indices()?;
+        // A pack is there before its index is listed.
+        contents.standing = upstream.packs()?;
+        contents.take(upstream, &indices)?;
+        let Self { blobs, lost, notes, .. } = &mut contents;
+        lost.retain(|pack, of_pack| {
+            of_pack.retain(|blob| !blobs.contains_key(blob));
+            if !of_pack.is_empty() {
+                notes.push(format!(
+                    "pack `{}` is missing or truncated, and {} of its blobs are in no other pack; `cache push` on a \
+                     machine that has them adds them again",
+                    upstream.file(pack, "pack"),
+                    of_pack.len()
+                ));
+            }
+            !of_pack.is_empty()
+        });
+        notes.sort();
         Ok(contents)
     }
 
@@ -130,7 +152,11 @@ impl Contents {
         let mut new = upstream.indices()?;
         let known: HashSet<Digest> = self.indices.iter().copied().collect();
         new.retain(|digest| !known.contains(digest));
-        upstream.each_index(&new, &mut |digest, read| match read.and_then(|bytes| lines(upstream, digest, &bytes)) {
+        self.take(upstream, &new)
+    }
+
+    fn take(&mut self, upstream: &Upstream, indices: &[Digest]) -> Result<(), UpstreamError> {
+        upstream.each_index(indices, &mut |digest, read| match read.and_then(|bytes| lines(upstream, digest, &bytes)) {
             Ok(lines) => {
                 self.indices.push(*digest);
                 self.add(lines);
@@ -144,14 +170,17 @@ impl Contents {
         for line in lines {
             match line {
                 Line::Pack(digest) => {
-                    pack = Some(digest);
-                    self.packs.insert(digest);
-                }
-                Line::Blob(digest, offset) => {
-                    if let Some(pack) = pack {
-                        self.blobs.entry(digest).or_insert((pack, offset));
+                    let stands = self.standing.as_ref().is_none_or(|standing| standing.contains(&digest));
+                    pack = Some((digest, stands));
+                    if stands {
+                        self.packs.insert(digest);
                     }
                 }
+                Line::Blob(digest, offset) => match pack {
+                    Some((pack, true)) => drop(self.blobs.entry(digest).or_insert((pack, offset))),
+                    Some((pack, false)) => drop(self.lost.entry(pack).or_default().insert(digest)),
+                    None => {}
+                },
                 Line::Record(record) => drop(self.records.insert(identity(&Record::from(*record)))),
             }
         }

@@ -182,11 +182,12 @@ impl Objects {
         Ok(all)
     }
 
-    /// The names of the files in `packs`.
-    pub fn packs(&self) -> Result<Vec<String>, UpstreamError> {
+    /// The names of the files in `packs`, and their sizes.
+    pub fn packs(&self) -> Result<Vec<(String, u64)>, UpstreamError> {
         let prefix = self.path("packs");
         let found = wait(self.store.list_with_delimiter(Some(&prefix))).map_err(|error| self.error("list", &error))?;
-        Ok(found.objects.iter().filter_map(|object| object.location.filename().map(str::to_owned)).collect())
+        let named = |object: &object_store::ObjectMeta| Some((object.location.filename()?.to_owned(), object.size));
+        Ok(found.objects.iter().filter_map(named).collect())
     }
 
     /// All bytes of a file.

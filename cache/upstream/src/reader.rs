@@ -55,11 +55,13 @@ impl Reader {
     /// # Errors
     /// When the upstream cannot be listed or read.
     pub fn refresh(&self) -> Result<(), UpstreamError> {
-        match self.places() {
-            Some(places) => places.refresh(self.namespaces, &*self.tell),
-            // This was told.
-            None => Ok(()),
+        // One that could not even be opened was told.
+        let Some(places) = self.places.get_or_init(|| self.load()).as_ref() else { return Ok(()) };
+        places.refresh(self.namespaces, &*self.tell)?;
+        if self.lost.swap(false, Ordering::Relaxed) {
+            (self.tell)("the upstream answers again, and is used again");
         }
+        Ok(())
     }
 
     fn places(&self) -> Option<&Places> {
@@ -127,6 +129,15 @@ impl Beyond for Reader {
             places.used().bad.insert(*digest);
         }
         None
+    }
+
+    fn lists_late(&self) -> bool {
+        self.places().is_some_and(|places| places.upstream.is_folder())
+    }
+
+    fn look_again(&self) {
+        // What fails is found again by whoever reads next.
+        let _ = self.refresh();
     }
 }
 

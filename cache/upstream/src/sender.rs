@@ -61,7 +61,7 @@ impl Sender {
             for digest in store.reach(&record.refs, &record.trees)? {
                 complete &= blob(digest, &mut writer)?;
             }
-            if complete || record.transient {
+            if complete || record.transient && !record.fetched {
                 writer.record(record)?;
             }
         }

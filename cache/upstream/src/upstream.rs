@@ -10,7 +10,7 @@ use crate::{
     traffic::{Reads, Traffic},
 };
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashSet},
     fs::{self, File},
     io::Write,
     path::{Path, PathBuf},
@@ -237,6 +237,11 @@ impl Upstream {
         }
     }
 
+    /// Whether it is a directory, whose file system may show late what other machines write.
+    pub(crate) fn is_folder(&self) -> bool {
+        matches!(self.place, Place::Folder(_))
+    }
+
     /// Requests so far; none for a directory.
     pub fn traffic(&self) -> Option<Traffic> {
         match &self.place {
@@ -274,12 +279,32 @@ impl Upstream {
                 let list = objects.small("LIST")?.unwrap_or_default();
                 String::from_utf8_lossy(&list).lines().map(str::to_owned).collect()
             }
-            Place::Objects(objects) => objects.packs()?,
+            Place::Objects(objects) => objects.packs()?.into_iter().map(|(name, _)| name).collect(),
         };
         let digest = |name: &String| name.strip_suffix(".index")?.parse().ok();
         let found: BTreeSet<Digest> = names.iter().filter_map(digest).collect();
         self.forget(&found);
         Ok(found.into_iter().collect())
+    }
+
+    /// The packs that have the size that their name says; none for a web server, which cannot list.
+    pub(crate) fn packs(&self) -> Result<Option<HashSet<Digest>>, UpstreamError> {
+        let files: Vec<(String, u64)> = match &self.place {
+            Place::Folder(folder) => {
+                let sized = |name: String| {
+                    let size = fs::symlink_metadata(folder.path(&format!("packs/{name}"))).ok()?.len();
+                    Some((name, size))
+                };
+                folder.names("packs")?.into_iter().filter(|name| name.ends_with(".pack")).filter_map(sized).collect()
+            }
+            Place::Objects(objects) if objects.is_web() => return Ok(None),
+            Place::Objects(objects) => objects.packs()?,
+        };
+        let whole = |(name, size): &(String, u64)| {
+            let digest: Digest = name.strip_suffix(".pack")?.parse().ok()?;
+            (digest.size == *size).then_some(digest)
+        };
+        Ok(Some(files.iter().filter_map(whole).collect()))
     }
 
     /// Writes the list of indices, by which a web server can serve this upstream. Machines that write it at the same

@@ -4,6 +4,8 @@
 //! keys name a machine, a library or a device belong to every share, and so does what reads outputs that may
 //! differ there: other machines may have other keys.
 
+mod failures;
+
 use super::{Batch, Capacity, Executor, Order, Reply};
 use crate::engine::{
     EngineError,
@@ -13,9 +15,10 @@ use crate::engine::{
     ids::{LaneId, SlotId},
     transient::Pool,
 };
+use failures::{Failed, Failures};
 use serde_json::Value;
 use std::{
-    collections::HashSet,
+    collections::{BTreeMap, HashMap, HashSet},
     str::FromStr,
     sync::{
         Arc, Mutex, PoisonError,
@@ -25,11 +28,13 @@ use std::{
     thread::Scope,
     time::{Duration, Instant},
 };
-use tauflow_cache::{Digest, Store};
+use tauflow_cache::{Digest, Key, Store};
 use tauflow_contract::{Group, NodeKind};
 
 /// Time between two looks for what other runs have recorded.
 const LOOK: Duration = Duration::from_millis(500);
+/// Time between two looks for what failed in other runs.
+const LOOK_FOR_FAILURES: Duration = Duration::from_secs(5);
 /// Time between two notes that the run waits.
 const NOTE: Duration = Duration::from_secs(60);
 
@@ -61,6 +66,11 @@ impl Share {
     /// The same, waiting for other shares or not.
     pub fn waiting(self, wait: bool) -> Self {
         Self { wait, ..self }
+    }
+
+    /// Its number, from 1, and how many there are, such as `2/4`.
+    fn label(self) -> String {
+        format!("{}/{}", self.index + 1, self.count)
     }
 
     /// How many shares there are.
@@ -96,6 +106,10 @@ pub struct Shared<'a> {
     elsewhere: mpsc::Sender<Awaited>,
     /// The actions that the inner executor does not know.
     foreign: Mutex<HashSet<(LaneId, SlotId)>>,
+    /// The keys of those that it does.
+    own: Mutex<HashMap<(LaneId, SlotId), Key>>,
+    failures: Arc<Failures>,
+    sink: crate::engine::Sink<'a>,
 }
 
 /// What the thread that waits needs.
@@ -124,8 +138,14 @@ impl<'a> Shared<'a> {
         'a: 'scope,
     {
         let (elsewhere, awaited) = mpsc::channel();
-        scope.spawn(move || wait(share, &of, &awaited));
-        Self { inner, share, elsewhere, foreign: Mutex::default() }
+        let failures = Arc::new(Failures::from_now(of.store, &share.label()));
+        let (seen, sink) = (failures.clone(), of.sink);
+        scope.spawn(move || wait(share, &of, &seen, &awaited));
+        Self { inner, share, elsewhere, foreign: Mutex::default(), own: Mutex::default(), failures, sink }
+    }
+
+    fn own(&self) -> std::sync::MutexGuard<'_, HashMap<(LaneId, SlotId), Key>> {
+        self.own.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn foreign(&self) -> std::sync::MutexGuard<'_, HashSet<(LaneId, SlotId)>> {
@@ -134,9 +154,9 @@ impl<'a> Shared<'a> {
 }
 
 /// Replies to actions of other shares, as soon as they are recorded.
-fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
+fn wait(share: Share, of: &Waiting<'_>, failures: &Failures, orders: &mpsc::Receiver<Awaited>) {
     let mut open: Vec<Awaited> = Vec::new();
-    let mut noted = Instant::now();
+    let (mut noted, mut looked) = (Instant::now(), Instant::now());
     loop {
         let pause = if open.is_empty() { NOTE } else { LOOK };
         match orders.recv_timeout(pause) {
@@ -149,6 +169,12 @@ fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
         }
         let refreshed = of.store.refresh();
         let stopped = of.stop.load(Ordering::Relaxed);
+        let failed = if share.wait && !open.is_empty() && looked.elapsed() >= LOOK_FOR_FAILURES {
+            looked = Instant::now();
+            failures.now()
+        } else {
+            HashMap::new()
+        };
         let mut left = Vec::new();
         for awaited in open {
             let Awaited { order, wanted } = &awaited;
@@ -158,6 +184,14 @@ fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
             let outcome = match (&refreshed, done) {
                 (Ok(()), Ok(Some(made))) => Outcome::Hit(made),
                 (Ok(()), Ok(None)) if stopped => Outcome::Cancelled,
+                (Ok(()), Ok(None)) if failed.contains_key(&order.action.hash.hex()) => {
+                    // A note that is gone again is of an action that is tried again.
+                    let Some(Failed { shard, message }) = failures.read(&order.action.hash) else {
+                        left.push(awaited);
+                        continue;
+                    };
+                    Outcome::Failed(format!("shard {shard} failed on it: {message}"))
+                }
                 (Ok(()), Ok(None)) if share.wait => {
                     left.push(awaited);
                     continue;
@@ -172,10 +206,25 @@ fn wait(share: Share, of: &Waiting<'_>, orders: &mpsc::Receiver<Awaited>) {
         open = left;
         if !open.is_empty() && noted.elapsed() >= NOTE {
             noted = Instant::now();
-            let message = format!("waiting for {} actions of other shards", open.len());
+            let message = waiting(share, &open);
             (of.sink)(&Event::Warning { message });
         }
     }
+}
+
+/// What is waited for, by shard.
+fn waiting(share: Share, open: &[Awaited]) -> String {
+    let mut shards: BTreeMap<u32, usize> = BTreeMap::new();
+    for Awaited { order, .. } in open {
+        *shards.entry(share.of(order).map_or(0, |index| index + 1)).or_default() += 1;
+    }
+    let of: Vec<String> =
+        shards.iter().map(|(shard, actions)| format!("{actions} of shard {shard}/{}", share.count)).collect();
+    let first = open.first().map(|Awaited { order, .. }| {
+        let item = order.action.item.as_ref().map_or_else(String::new, |item| format!(" {}", item.as_str()));
+        format!(", such as `{}`{item}", order.action.producer.spec.name)
+    });
+    format!("waiting for actions of other shards: {}{}", of.join(", "), first.unwrap_or_default())
 }
 
 impl Executor for Shared<'_> {
@@ -196,15 +245,28 @@ impl Executor for Shared<'_> {
             // The thread lives as long as this does.
             let _ = self.elsewhere.send(Awaited { order, wanted: wanted.clone() });
         }
+        for order in &own {
+            self.failures.forget(&order.action.hash);
+            self.own().insert(order.slot, order.action.hash);
+        }
         if !own.is_empty() {
             self.inner.submit(Batch { label, alone, wanted, orders: own });
         }
     }
 
     fn settle(&self, reply: &Reply) {
-        if !self.foreign().remove(&reply.slot) {
-            self.inner.settle(reply);
+        if self.foreign().remove(&reply.slot) {
+            return;
         }
+        if let (Some(key), Outcome::Failed(message)) = (self.own().remove(&reply.slot), &reply.execution.outcome) {
+            let failed = Failed { shard: self.share.label(), message: message.clone() };
+            if let Err(error) = self.failures.note(&key, &failed) {
+                let message =
+                    format!("other shards wait for an action that failed here, as they cannot be told: {error}");
+                (self.sink)(&Event::Warning { message });
+            }
+        }
+        self.inner.settle(reply);
     }
 
     fn cancel(&self) {
