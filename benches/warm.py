@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Time, requests and bytes of a run on a second machine that finds all results in S3.
 
-    python3 benches/warm.py PROGRAM MOTO [--scenes 300000]
+    python3 benches/warm.py PROGRAM MOTO [--scenes 10000]
     python3 benches/warm.py PROGRAM MOTO --pipeline FILE [--profile NAME] [--cache CACHE] [--edit NODE.PARAM=VALUE]
 
 MOTO is a Python with the package moto and its server, which serves S3 on this machine. Machine A runs a pipeline and
@@ -65,7 +65,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program", type=pathlib.Path)
     parser.add_argument("moto")
-    parser.add_argument("--scenes", type=int, default=300_000)
+    parser.add_argument("--scenes", type=int, default=10_000)
     parser.add_argument("--pipeline", type=pathlib.Path)
     parser.add_argument("--profile")
     parser.add_argument("--cache", type=pathlib.Path)
