@@ -95,7 +95,7 @@ class Solver:
         """
         data = _checked("the image", image, 3)
         guide: Optional[torch.Tensor] = None
-        if _network.channels(self.info) == 15:
+        if _network.has_gbuffer(self.info):
             if gbuffer is None:
                 raise TauflowError("the solver was trained with G-buffers; pass `gbuffer`, albedo and normal")
             guide = torch.from_numpy(_checked("the G-buffer", gbuffer, 6).astype(np.float64))
