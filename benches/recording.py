@@ -14,6 +14,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import textwrap
 
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 # The pipeline of the recording: `samplers` with small films, so that it takes seconds.
@@ -56,7 +57,7 @@ def record(command, folder, environment):
 
 
 def wrapped(line):
-    return [line[i : i + COLUMNS] for i in range(0, max(len(line), 1), COLUMNS)]
+    return [line] if len(line) <= COLUMNS else textwrap.wrap(line, COLUMNS, subsequent_indent="  ")
 
 
 def main():
@@ -67,7 +68,7 @@ def main():
         open(os.path.join(folder, "samplers.yaml"), "w").write(source)
         path = os.path.join(REPOSITORY, "target", "release") + os.pathsep + os.environ["PATH"]
         environment = {**os.environ, "PATH": path, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": str(COLUMNS)}
-        frames, at = [], 0.5
+        frames, at = [], 0.0
         for command in COMMANDS:
             frames += [(at, "$ " + part if not i else part) for i, part in enumerate(wrapped(command))]
             lines, took = record(command, folder, environment)

@@ -51,12 +51,13 @@ fn long_text(long: &LongAction) -> String {
 }
 
 /// A line: done of expected (with a `+` unless all are known), what became of them, time to go.
-fn node_text(node: &NodeState, known: bool) -> String {
+fn node_text(node: &NodeState, known: bool, queued: u64) -> String {
     let more = if known { "" } else { "+" };
     let counts = node.counts();
     let mut parts = vec![format!("{}/{}{more}", counts.done(), counts.expected)];
     let told = [
         (counts.hit, "as before"),
+        (queued, "queued"),
         (counts.running, "running"),
         (counts.failed, "failed"),
         (counts.blocked, "blocked"),
@@ -94,6 +95,8 @@ struct State {
     overall_told: Instant,
     /// Jobs of a scheduler that wait and run.
     jobs: Option<(u64, u64)>,
+    /// Actions of each node in jobs that wait.
+    queued: BTreeMap<Name, u64>,
 }
 
 impl State {
@@ -137,7 +140,16 @@ impl Display {
         let graph = order.iter().enumerate().map(|(n, name)| (name.clone(), pipeline.reads(n))).collect();
         let (start, shown) = (Instant::now(), BTreeMap::new());
         let run = RunState::new(graph);
-        let state = State { order, run, shown, expected: Vec::new(), overall: None, overall_told: start, jobs: None };
+        let state = State {
+            order,
+            run,
+            shown,
+            expected: Vec::new(),
+            overall: None,
+            overall_told: start,
+            jobs: None,
+            queued: BTreeMap::new(),
+        };
         Self { json, start, bars, state: Mutex::new(state), asked: Mutex::new(None) }
     }
 
@@ -172,12 +184,17 @@ impl Display {
                     let _ = sender.send(());
                 }
             }
-            Event::Jobs { queued, running } => {
+            Event::Jobs { queued, running, waiting } => {
                 let begun = state.jobs.is_none();
                 state.jobs = Some((*queued, *running));
                 // The first ones are told at once.
                 if begun && self.bars.is_none() {
                     self.voice().say(&format!("jobs: {queued} queued, {running} running"));
+                }
+                let before = std::mem::replace(&mut state.queued, waiting.clone());
+                let changed = |name: &&Name| before.get(*name) != waiting.get(*name);
+                for name in before.keys().chain(waiting.keys()).filter(changed) {
+                    self.update(&mut state, name);
                 }
                 self.update_overall(&mut state);
             }
@@ -238,7 +255,8 @@ impl Display {
     }
 
     fn update(&self, state: &mut State, name: &str) {
-        let Some(node) = state.run.node(name).filter(|n| n.has_begun()) else { return };
+        let queued = state.queued.get(name).copied().unwrap_or(0);
+        let Some(node) = state.run.node(name).filter(|n| n.has_begun() || queued > 0) else { return };
         let (known, ended) = state.run.standing(name);
         match &self.bars {
             Some(bars) => {
@@ -280,7 +298,7 @@ impl Display {
                 let expected = (node.counts().expected as f64).max(more.map_or(0.0, |more| more.actions));
                 bar.set_length((expected * 1000.0) as u64);
                 bar.set_position((node.position() * 1000.0) as u64);
-                bar.set_message(node_text(node, known));
+                bar.set_message(node_text(node, known, queued));
                 let mut last = bar.clone();
                 let parts = &mut shown.parts;
                 parts.retain(|at, part| {
@@ -310,7 +328,7 @@ impl Display {
                 if (ended && !shown.told_end) || (!ended && due) {
                     shown.told = Some(Instant::now());
                     shown.told_end = ended;
-                    eprintln!("{name}: {}", node_text(node, known));
+                    eprintln!("{name}: {}", node_text(node, known, queued));
                     for (at, long) in node.long(LONG).take(MOST_PARTS) {
                         eprintln!("  {}: {}", title(at), long_text(long));
                     }
@@ -350,8 +368,9 @@ mod tests {
             let (node, cell, group) = (name("n"), name(""), name("main"));
             Event::End { node, cell, item: name(item), group, outcome, wall_us: 1, bytes: 1 }
         };
-        let line = |run: &RunState, known| node_text(run.node("n").expect("it was counted"), known);
+        let line = |run: &RunState, known| node_text(run.node("n").expect("it was counted"), known, 0);
         assert_eq!(line(&run, false), "0/4+, 1 running");
+        assert_eq!(node_text(run.node("n").expect("it was counted"), true, 3), "0/4, 3 queued, 1 running");
         run.count(&end("a", Ended::Ran));
         run.count(&end("b", Ended::Failed));
         run.count(&end("c", Ended::Blocked));

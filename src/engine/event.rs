@@ -150,6 +150,8 @@ pub enum Event {
         queued: u64,
         /// They run.
         running: u64,
+        /// Actions of each node in jobs that wait.
+        waiting: BTreeMap<Name, u64>,
     },
     /// Something that people should know.
     Warning {

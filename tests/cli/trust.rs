@@ -79,6 +79,10 @@ fn an_upstream_that_is_pinned_to_a_key_serves_what_the_key_signed() {
     let (key, other) = (key("lab.key"), key("other.key"));
     let said = place.tauflow(&["cache", "keygen", "lab.key"]).ends(2);
     assert!(said.err.contains("lab.key") && said.err.contains("keys are never replaced"), "{}", said.err);
+    // Neither file is written if one of them is there.
+    fs::write(place.path("half.key.pub"), "mine").expect("writable");
+    let said = place.tauflow(&["cache", "keygen", "half.key"]).ends(2);
+    assert!(said.err.contains("half.key.pub") && !place.path("half.key").exists(), "{}", said.err);
     place.off("a", &["run", "small.yaml"]).ends(0);
     place.on("a", &["cache", "push"]).ends(0);
     let pinned = |machine: &str, key: &str| {

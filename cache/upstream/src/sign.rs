@@ -103,21 +103,26 @@ impl SecretKey {
         let bytes = [SECRET.as_slice(), &id, pair.as_ref()].concat();
         let secret = format!("untrusted comment: tauflow secret key, keep it private\n{}\n", STANDARD.encode(&bytes));
         let public = Self::parse(&secret)?.public()?;
+        let refused = |path: &Path, error: &io::Error| {
+            let remedy = match error.kind() {
+                io::ErrorKind::AlreadyExists => "; choose another name, keys are never replaced",
+                io::ErrorKind::NotFound => "; make the directory first",
+                _ => "",
+            };
+            let why = format!("`{}` cannot be written ({error}){remedy}", path.display());
+            UpstreamError::Key { what: "name of the key", why }
+        };
         let write = |path: &Path, mode: u32, text: &str| {
             let made = OpenOptions::new().write(true).create_new(true).mode(mode).open(path);
-            made.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| {
-                let remedy = match error.kind() {
-                    io::ErrorKind::AlreadyExists => "; choose another name, keys are never replaced",
-                    io::ErrorKind::NotFound => "; make the directory first",
-                    _ => "",
-                };
-                let why = format!("`{}` cannot be written ({error}){remedy}", path.display());
-                UpstreamError::Key { what: "name of the key", why }
-            })
+            made.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| refused(path, &error))
         };
         let mut beside = path.as_os_str().to_owned();
         beside.push(".pub");
         let beside = PathBuf::from(beside);
+        // A secret key without its public key would be of no use.
+        if beside.symlink_metadata().is_ok() {
+            return Err(refused(&beside, &io::ErrorKind::AlreadyExists.into()));
+        }
         write(path, 0o600, &secret)?;
         write(&beside, 0o644, &format!("untrusted comment: tauflow public key\n{public}\n"))?;
         Ok((public, beside))

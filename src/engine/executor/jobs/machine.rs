@@ -17,6 +17,7 @@ use crate::engine::{
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{
+    collections::BTreeMap,
     path::Path,
     sync::atomic::{AtomicBool, Ordering},
     thread,
@@ -109,7 +110,8 @@ fn ask(
     let [id] = &ids[..] else { return Err(failed("the scheduler gave no id of its job".into())) };
     let id = id.as_str();
     let (mut lines, mut asked, mut missed) = (folder.lines(0), Instant::now(), 0);
-    sink(&Event::Jobs { queued: 1, running: 0 });
+    let tell = |queued, running| sink(&Event::Jobs { queued, running, waiting: BTreeMap::new() });
+    tell(1, 0);
     let answer = loop {
         if stop.load(Ordering::Relaxed) {
             queue.cancel(&[id]).map_err(failed)?;
@@ -132,11 +134,11 @@ fn ask(
             if let Ok(alive) = queue.poll(&[id]) {
                 missed = if alive.contains_key(id) { 0 } else { missed + 1 };
                 let running = u64::from(alive.get(id) == Some(&Stage::Running));
-                sink(&Event::Jobs { queued: 1 - running, running });
+                tell(1 - running, running);
             }
             asked = Instant::now();
         }
     };
-    sink(&Event::Jobs { queued: 0, running: 0 });
+    tell(0, 0);
     answer
 }

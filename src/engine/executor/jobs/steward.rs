@@ -78,7 +78,7 @@ pub struct Steward<'a, 'o> {
     /// The scheduler has taken jobs of this run.
     accepts: bool,
     not_before: Instant,
-    told: (usize, usize),
+    told: (usize, usize, BTreeMap<Name, u64>),
     /// When notes of jobs were read last, and what was published was looked for.
     read: Instant,
     refreshed: Instant,
@@ -112,7 +112,7 @@ impl<'a, 'o> Steward<'a, 'o> {
             refused: 0,
             accepts: false,
             not_before: now,
-            told: (0, 0),
+            told: (0, 0, BTreeMap::new()),
             read: now,
             refreshed: now,
         }
@@ -443,10 +443,17 @@ impl<'a, 'o> Steward<'a, 'o> {
     /// Tells how many jobs there are, if that has changed.
     fn tell(&mut self) {
         let running = self.jobs.iter().filter(|job| job.stage == Stage::Running).count();
-        let now = (self.jobs.len() - running, running);
+        let mut waiting: BTreeMap<Name, u64> = BTreeMap::new();
+        for job in self.jobs.iter().filter(|job| job.stage != Stage::Running) {
+            for open in job.orders.iter().flatten() {
+                *waiting.entry(open.label.node.clone()).or_default() += 1;
+            }
+        }
+        let now = (self.jobs.len() - running, running, waiting.clone());
         if now != self.told {
             self.told = now;
-            (self.crew.of.sink)(&Event::Jobs { queued: now.0 as u64, running: now.1 as u64 });
+            let queued = (self.jobs.len() - running) as u64;
+            (self.crew.of.sink)(&Event::Jobs { queued, running: running as u64, waiting });
         }
     }
 }
