@@ -43,8 +43,8 @@ pub use records::{ACTION, MACHINE, PIPELINE, ROLLUP, SEEN, SHARD, now};
 pub use sharded::Listed;
 
 use crate::{
-    ids::{self, PortId},
-    pipeline::{Pipeline, Target},
+    ids::{self, Id as _, PortId},
+    pipeline::{Node, Pipeline, Target},
 };
 use event::{Event, NodeStat};
 use run::Run;
@@ -80,6 +80,8 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// The line on this run that published pages are given where they ask for it, as HTML.
     pub account: Option<String>,
+    /// The name of the run in its account.
+    pub run: Option<String>,
     /// Where actions run.
     pub executor: ExecutorKind,
     /// The share of the actions that this run does; all of them unless told.
@@ -116,6 +118,7 @@ impl Default for RunOptions {
             verify: false,
             out: None,
             account: None,
+            run: None,
             executor: ExecutorKind::Threads,
             share: None,
             measured: None,
@@ -173,7 +176,7 @@ pub fn run(
     };
     summary.elapsed = start.elapsed();
     if let (Some(out), false) = (&options.out, options.dry) {
-        publish::write_summary(&out.join(&pipeline.name), &pipeline.name, &summary)?;
+        publish::write_summary(&out.join(&pipeline.name), &pipeline.name, options.run.as_deref(), &summary)?;
     }
     let total = |of: fn(&NodeStat) -> u64| summary.total(of);
     sink(&Event::Finished {
@@ -228,6 +231,12 @@ pub fn outputs(pipeline: &Pipeline, store: &Store, node: usize, port: PortId) ->
     if stale.is_empty() { Ok(all) } else { Err(stale.swap_remove(0).1) }
 }
 
+/// An output as targets name it: the first one by its node alone.
+fn output_name(node: &Node, port: PortId) -> String {
+    let name = node.spec.outputs[port.place()].name;
+    if port.place() == 0 { node.name.clone() } else { format!("{}.{name}", node.name) }
+}
+
 /// The collection on an output port of the cells that are up to date, and the other cells, each with its error as
 /// [`outputs`] has it.
 ///
@@ -254,9 +263,10 @@ pub fn outputs_there(
             let unread = store.damaged_log_places() > 0 && !store.keys_by_label(PIPELINE, &pipeline.name).is_empty();
             let error = if run.never_run && !unread { EngineError::Request } else { EngineError::Lost };
             let message = format!(
-                "`{}` is stale: {} must run first; run the pipeline, then repeat this command",
+                "`{}` is stale: {} must run first; run the pipeline with `--target {}`, then repeat this command",
                 pipeline.cell_name(cell),
-                if names.is_empty() { "it".to_owned() } else { names.join(", ") }
+                if names.is_empty() { "it".to_owned() } else { names.join(", ") },
+                output_name(&pipeline.nodes[node], port)
             );
             stale.push((cell, error(message)));
             continue;

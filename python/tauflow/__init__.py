@@ -2,7 +2,7 @@
 
     import tauflow
     results = tauflow.open("out/quickstart")
-    results["test_ladders"]["L0-open-000003"].rung(16)
+    results["test_ladders"]["L0-open-000001"].rung(16)
 """
 
 from ._denoise import denoise

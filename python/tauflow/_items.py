@@ -11,6 +11,7 @@ import numpy as np
 
 from ._errors import TauflowError
 from ._images import RAW, Image
+from ._tables import read_rows
 from .exr import read_layers
 
 if TYPE_CHECKING:
@@ -127,7 +128,8 @@ class Item:
         """
         if "gbuffer.exr" not in self.files:
             raise TauflowError(
-                f"`{self.key}` has no G-buffer; connect `gbuffers` of its `dataset_packing`, and run the pipeline"
+                f"`{self.key}` has no G-buffer; that of a ladder is the item of `NODE.gbuffer`, and that of a packed "
+                "scene needs `gbuffers` of its `dataset_packing`"
             )
         return read_layers(self.path("gbuffer.exr"))
 
@@ -138,7 +140,12 @@ class Item:
         return Image(self.image("variance.exr").data, None, None, self.path("variance.exr"))
 
     def rows(self) -> List[Dict[str, Any]]:
-        """Its scores as rows with the axes as columns; one row of numbers and texts for other JSON."""
+        """Its scores as rows with the axes as columns; one row of numbers and texts for other JSON.
+
+        Of a `table`, the rows of the table.
+        """
+        if "table.csv" in self.files:
+            return read_rows(self.path("table.csv"))
         meta = self.meta
         base: Dict[str, Any] = {"item": self.scene, **self.axes}
         scores = meta.get("scores")

@@ -82,6 +82,9 @@ class Pipeline:
             self._nodes[node] = Node(folder, "open the pipeline again", self._folder)
         return self._nodes[node]
 
+    #: Its nodes are not listed.
+    __iter__ = None
+
     def __repr__(self) -> str:
         return f"<Pipeline {' '.join([self.file, *self._options])}>"
 
@@ -117,9 +120,10 @@ class Results:
 
     @property
     def pipeline(self) -> Pipeline:
-        """The pipeline of the last run of this name in the cache, with its profile and overrides."""
+        """The pipeline of the run that wrote these results, with its profile and overrides."""
         if self._pipeline is None:
-            words = ["runs", self.name, "--json", "--last", "1", *(["--cache", self._cache] if self._cache else [])]
+            last = "1" if "run" not in self.summary else "100000"
+            words = ["runs", self.name, "--json", "--last", last, *(["--cache", self._cache] if self._cache else [])]
             try:
                 lines = _run(words).splitlines()
             except TauflowError as error:
@@ -127,7 +131,12 @@ class Results:
                 raise TauflowError(f"{error}{hint}") from None
             if not lines:
                 raise TauflowError(f"no run of `{self.name}` is recorded in the cache; open the pipeline file instead")
-            self._pipeline = _pipeline_of(json.loads(lines[-1]), self._cache, self._raw)
+            runs = [json.loads(line) for line in lines]
+            own = [run for run in runs if run["id"] == self.summary.get("run", run["id"])]
+            if not own:
+                told = f"the record of run {self.summary['run']}, which wrote {self.folder}, is not in the cache any more"
+                raise TauflowError(f"{told}; open the pipeline file instead, or run it again")
+            self._pipeline = _pipeline_of(own[-1], self._cache, self._raw)
         return self._pipeline
 
     def __getitem__(self, node: str) -> Node:

@@ -32,13 +32,14 @@ def number(text: Any) -> Any:
 
 
 def typed(rows: List[Dict[str, Any]]) -> pd.DataFrame:
-    """Rows as a DataFrame; a column whose every text is a number has numbers."""
+    """Rows as a DataFrame; a column whose every text is a number, or empty, has numbers."""
     pandas = _pandas()
     frame = pandas.DataFrame(rows)
     for name in frame.columns:
         values = [number(value) for value in frame[name]]
-        if not any(isinstance(value, str) for value in values):
-            frame[name] = values
+        # An empty cell among numbers is a number that is not there.
+        if not any(isinstance(value, str) and value for value in values):
+            frame[name] = [None if value == "" else value for value in values]
     return frame
 
 

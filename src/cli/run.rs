@@ -151,6 +151,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     let options = RunOptions {
         account: Some(page::account(&record)),
+        run: Some(record.id.clone()),
         jobs: args.jobs.into(),
         dry: false,
         recheck: args.recheck,

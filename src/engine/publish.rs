@@ -1,7 +1,7 @@
 //! Writes published outputs as files below `OUT/<pipeline>/`, together with `run.json`.
 
 use super::{EngineError, Summary, sharded::Sharded};
-use serde_json::json;
+use serde_json::{Map, Value, json};
 use std::{
     collections::BTreeMap,
     fs,
@@ -146,17 +146,25 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
     })
 }
 
-/// Writes `run.json`: what the run did, by node. A run that did nothing keeps the account of the run that did the work.
+/// Writes `run.json`: what the run did, by node, and the name of the run. A run that did nothing keeps the account of the
+/// run that did the work.
 ///
 /// # Errors
 /// If it cannot be written.
-pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<(), EngineError> {
+pub fn write_summary(out: &Path, pipeline: &str, run: Option<&str>, summary: &Summary) -> Result<(), EngineError> {
     let whole = !summary.interrupted && summary.failures.is_empty() && summary.elsewhere.is_empty();
     let idle = whole && summary.nodes.iter().all(|node| node.ran == 0);
-    if idle && out.join(SUMMARY).is_file() {
-        return Ok(());
+    let before = idle.then(|| fs::read(out.join(SUMMARY)).ok()).flatten();
+    let before = before.and_then(|bytes| serde_json::from_slice::<Map<String, Value>>(&bytes).ok());
+    if let Some(mut before) = before {
+        if before.get("run").and_then(Value::as_str) == run {
+            return Ok(());
+        }
+        before.insert("run".into(), json!(run));
+        return write_pretty(&out.join(SUMMARY), &Value::Object(before));
     }
     let value = json!({
+        "run": run,
         "pipeline": pipeline,
         "elapsed_s": summary.elapsed.as_secs_f64(),
         "interrupted": summary.interrupted,
@@ -165,9 +173,13 @@ pub fn write_summary(out: &Path, pipeline: &str, summary: &Summary) -> Result<()
         "failures": summary.failures,
         "elsewhere": summary.elsewhere,
     });
-    let mut text = serde_json::to_vec_pretty(&value).expect("plain data");
+    write_pretty(&out.join(SUMMARY), &value)
+}
+
+fn write_pretty(path: &Path, value: &Value) -> Result<(), EngineError> {
+    let mut text = serde_json::to_vec_pretty(value).expect("plain data");
     text.push(b'\n');
-    write(&out.join(SUMMARY), &text)
+    write(path, &text)
 }
 
 #[cfg(test)]

@@ -85,7 +85,8 @@ fn outputs_say_what_must_run_first() {
     let error = shop.outputs(CHAIN, "rounded", 0).expect_err("nothing has run");
     assert_eq!(
         error.to_string(),
-        "`rounded` is stale: `numbers`, `scaled`, `rounded` must run first; run the pipeline, then repeat this command"
+        "`rounded` is stale: `numbers`, `scaled`, `rounded` must run first; run the pipeline with \
+         `--target rounded`, then repeat this command"
     );
     shop.run(CHAIN);
     assert_eq!(shop.outputs(CHAIN, "rounded", 0).expect("it has run").len(), 3);

@@ -78,7 +78,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(21), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(22), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;

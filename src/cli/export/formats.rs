@@ -118,7 +118,9 @@ impl Plain {
         let spp = |name: &String| name.strip_prefix("spp-")?.parse::<u64>().ok();
         let rungs: BTreeMap<u64, &Image> = self.images.iter().filter_map(|(n, image)| Some((spp(n)?, image))).collect();
         let Some(last) = rungs.keys().next_back().filter(|_| rungs.len() > 1) else {
-            return Err(KindError::Input("it has no rungs; `--format oidn` needs ladders or packed scenes".into()));
+            let has = if rungs.is_empty() { "no rungs" } else { "one rung, and no reference for it" };
+            let message = format!("it has {has}; `--format oidn` needs ladders or packed scenes of two rungs or more");
+            return Err(KindError::Input(message));
         };
         let key = self.key.as_str().replace('/', "+");
         let mut files = Vec::new();
@@ -288,6 +290,11 @@ impl Writer {
             Format::Safetensors => put(&format!("{key}.safetensors"), &plain.with_images()?.safetensors()?),
             Format::Oidn => plain.oidn()?.iter().try_for_each(|(name, bytes)| put(name, bytes)),
             Format::Csv | Format::Parquet => {
+                if plain.images.is_empty() && plain.meta.is_empty() {
+                    let message = "it has no scores or values to make rows of; export it without `--format`: its own files \
+                                   are tables, if it is one";
+                    return Err(KindError::Input(message.into()));
+                }
                 self.rows.extend(plain.rows());
                 Ok(())
             }

@@ -168,6 +168,8 @@ function begin() {
   listenToControls();
   listenToPointers();
   listenToKeys();
+  // Another link to this page; what the page itself remembers changes no address that is listened to.
+  addEventListener("hashchange", () => location.reload());
   fillFilters();
   refilter();
   refresh().then(() => { if (state.mode === "flip") setMode("flip"); revealRow(); });
