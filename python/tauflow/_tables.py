@@ -39,7 +39,7 @@ def typed(rows: List[Dict[str, Any]]) -> pd.DataFrame:
         values = [number(value) for value in frame[name]]
         # An empty cell among numbers is a number that is not there.
         if not any(isinstance(value, str) and value for value in values):
-            frame[name] = [None if value == "" else value for value in values]
+            frame[name] = [float("nan") if value == "" else value for value in values]
     return frame
 
 

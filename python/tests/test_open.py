@@ -71,6 +71,30 @@ def test_a_folder_of_results_leads_to_its_nodes(tiny):
         results.rows("tables")
 
 
+def test_results_are_those_of_the_run_that_wrote_them(tmp_path):
+    first = Tiny(tmp_path)
+    old = tmp_path / "old"
+    first.out.rename(old)
+    # A later run of the same pipeline writes elsewhere; its folder is newer, and its images are smaller.
+    first.run("--set", "ladders.resolution=[16, 12]")
+    sizes = lambda out: {item.rung(4).shape for item in tauflow.open(out / "tiny", cache=first.cache)["ladders"].values()}
+    assert (sizes(old), sizes(first.out)) == ({(16, 24, 3)}, {(12, 16, 3)})
+    # A run that finds everything done writes the same folder again, and is then the one that counts.
+    first.run()
+    assert sizes(first.out) == {(16, 24, 3)}
+
+
+def test_a_table_is_a_frame_and_cells_that_are_empty_are_no_numbers(tiny):
+    pytest.importorskip("pandas")
+    table = tauflow.open(tiny.file, cache=tiny.cache)["table"]
+    frame = table.frame()
+    assert len(frame) == len(table.rows()) > 0 and frame["mean"].dtype.kind == "f" and frame["difference"].isna().all()
+    typed = tauflow._tables.typed([{"gain": "1.5", "name": ""}, {"gain": "", "name": "x"}])
+    assert typed["gain"].mean() == 1.5 and list(typed["name"]) == ["", "x"]
+    with pytest.raises(TypeError, match="not iterable"):
+        list(tauflow.open(tiny.file, cache=tiny.cache))
+
+
 def test_results_have_the_profile_and_the_overrides_of_their_run(tmp_path):
     # The size is an override: with the defaults of the file, no ladder would be up to date.
     run = Tiny(tmp_path, "--profile", "short", "--set", "ladders.resolution=[16, 16]", "--target", "ladders")

@@ -149,9 +149,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     if let Some(to) = &args.notify {
         record.command = notify::without_secret(record.command, to);
     }
-    let options = RunOptions {
+    let mut options = RunOptions {
         account: Some(page::account(&record)),
-        run: Some(record.id.clone()),
         jobs: args.jobs.into(),
         dry: false,
         recheck: args.recheck,
@@ -169,6 +168,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     // The results are there, whatever becomes of the record.
     let unrecorded = |error: RunsError| eprintln!("warning: this run is not recorded: {error}");
     let recorded = record.write(&cache.folder()).map_err(unrecorded).is_ok();
+    // It has a name from now on.
+    options.run = recorded.then(|| record.id.clone());
     let page = page(args, &pipeline, &record, cache);
     let observer = recorded.then(|| Observer::start(&pipeline, &record, cache.folder(), page));
     let begun = display.begun();
