@@ -134,7 +134,7 @@ class Results:
             runs = [json.loads(line) for line in lines]
             own = [run for run in runs if run["id"] == self.summary.get("run", run["id"])]
             if not own:
-                told = f"the record of run {self.summary['run']}, which wrote {self.folder}, is not in the cache any more"
+                told = f"run {self.summary['run']}, which wrote {self.folder}, is not recorded in the cache any more"
                 raise TauflowError(f"{told}; open the pipeline file instead, or run it again")
             self._pipeline = _pipeline_of(own[-1], self._cache, self._raw)
         return self._pipeline

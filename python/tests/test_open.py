@@ -77,7 +77,11 @@ def test_results_are_those_of_the_run_that_wrote_them(tmp_path):
     first.out.rename(old)
     # A later run of the same pipeline writes elsewhere; its folder is newer, and its images are smaller.
     first.run("--set", "ladders.resolution=[16, 12]")
-    sizes = lambda out: {item.rung(4).shape for item in tauflow.open(out / "tiny", cache=first.cache)["ladders"].values()}
+
+    def sizes(out):
+        ladders = tauflow.open(out / "tiny", cache=first.cache)["ladders"]
+        return {item.rung(4).shape for item in ladders.values()}
+
     assert (sizes(old), sizes(first.out)) == ({(16, 24, 3)}, {(12, 16, 3)})
     # A run that finds everything done writes the same folder again, and is then the one that counts.
     first.run()

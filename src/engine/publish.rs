@@ -146,8 +146,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
     })
 }
 
-/// Writes `run.json`: what the run did, by node, and the name of the run. A run that did nothing keeps the account of the
-/// run that did the work.
+/// Writes `run.json`: what the run did, by node, and the name of the run. A run that did nothing keeps the account of
+/// the run that did the work.
 ///
 /// # Errors
 /// If it cannot be written.

@@ -291,9 +291,11 @@ impl Writer {
             Format::Oidn => plain.oidn()?.iter().try_for_each(|(name, bytes)| put(name, bytes)),
             Format::Csv | Format::Parquet => {
                 if plain.images.is_empty() && plain.meta.is_empty() {
-                    let message = "it has no scores or values to make rows of; export it without `--format`: its own files \
-                                   are tables, if it is one";
-                    return Err(KindError::Input(message.into()));
+                    return Err(KindError::Input(
+                        "it has no scores or values to make rows of; export it without `--format`: if it is a table, \
+                         its own files are, too"
+                            .into(),
+                    ));
                 }
                 self.rows.extend(plain.rows());
                 Ok(())

@@ -25,7 +25,8 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
         out,
         "<p>The solver's score minus the baseline's, paired by scene, with 95% intervals over {} scenes and the share \
          of scenes where the solver is better. <b>Bold</b> if the whole interval favours the solver. Both start from \
-         {} spp. Methods with RGB see radiance alone, those with G-buffers see albedo and normals, too.</p>{}<div class=\"scroll\"><table \
+         {} spp. Methods with RGB see radiance alone, those with G-buffers see albedo and normals, too.</p>\
+         {}<div class=\"scroll\"><table \
          class=\"wide\"><thead><tr><th>Baseline</th><th class=\"left\">Solver</th><th>NFE</th>",
         evaluation.scenes,
         evaluation.from_spp,
