@@ -13,6 +13,7 @@ use tauflow_data::{
     Image, StratumName,
     image::preview,
     image_io::encode_png,
+    methods::Conditioning,
     records::{Evaluation, MethodTable, PackedScene, Refined, SceneRow},
 };
 
@@ -60,6 +61,8 @@ pub struct Choice {
     pub scenes: usize,
     /// Network calls.
     pub nfe: u64,
+    /// Network calls of solvers with G-buffers.
+    pub nfe_gbuffer: u64,
     /// Longest side; larger pictures are reduced by an integer factor.
     pub pixels: usize,
 }
@@ -203,7 +206,9 @@ impl<'a> Pictures<'a> {
 
     /// The number of calls of a method's picture: that of all, or the first that it has.
     fn calls(&self, table: &MethodTable) -> u64 {
-        table.at.iter().find(|at| at.nfe == self.choice.nfe).or(table.at.first()).map_or(0, |at| at.nfe)
+        let gbuffer = table.conditioning == Conditioning::Gbuffer.name();
+        let nfe = if gbuffer { self.choice.nfe_gbuffer } else { self.choice.nfe };
+        table.at.iter().find(|at| at.nfe == nfe).or(table.at.first()).map_or(0, |at| at.nfe)
     }
 
     /// The input, what is between, the reference.

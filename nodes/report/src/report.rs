@@ -51,6 +51,8 @@ pub struct ReportParams {
     pub viewer_scenes: u64,
     /// NFE of the images and the heat map; none for the first evaluated one.
     pub montage_nfe: Option<u64>,
+    /// NFE of the images of solvers with G-buffers, if it differs from `montage_nfe`.
+    pub montage_nfe_gbuffer: Option<u64>,
     /// Maximum side of an image in pixels; larger images are reduced by an integer factor.
     #[schemars(range(min = 16, max = 2048))]
     pub montage_pixels: u64,
@@ -70,6 +72,7 @@ impl Default for ReportParams {
             montage_scenes: 1,
             viewer_scenes: 4,
             montage_nfe: None,
+            montage_nfe_gbuffer: None,
             montage_pixels: 128,
             gate_pictures: 12,
             bridge_scenes: 2,
@@ -108,17 +111,19 @@ impl Kind for Report {
 
     fn foresee(params: &Self::Params, known: &Known) -> Outlook {
         let evaluated = known.all(material::EVALUATION).first().and_then(|of| of.facts.get(NFE));
-        let missing = params.montage_nfe.zip(evaluated).filter(|(nfe, evaluated)| !evaluated.contains(nfe));
-        let problem = missing.map(|(nfe, evaluated)| {
-            let message = format!("`montage_nfe: {nfe}` is not evaluated, only {evaluated:?}");
-            Foreseen::param("/montage_nfe", message, format!("choose one of these, or add {nfe} to `nfe`"))
+        let asked = [("montage_nfe", params.montage_nfe), ("montage_nfe_gbuffer", params.montage_nfe_gbuffer)];
+        let problem = asked.into_iter().filter_map(|(name, nfe)| {
+            let (nfe, evaluated) = nfe.zip(evaluated.clone()).filter(|(nfe, evaluated)| !evaluated.contains(nfe))?;
+            let message = format!("`{name}: {nfe}` is not evaluated, only {evaluated:?}");
+            let hint = format!("choose one of these, or add {nfe} to `nfe`");
+            Some(Foreseen::param(&format!("/{name}"), message, hint))
         });
         let nothing = !known.has(material::EVALUATION.name()) && !known.has(material::TABLES.name());
         let scores = nothing.then(|| {
             let message = "the report has no scores".to_owned();
             Foreseen::input(material::EVALUATION, message, "connect `evaluation` or `tables`")
         });
-        Outlook::default().but(problem.into_iter().chain(scores))
+        Outlook::default().but(problem.chain(scores))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -179,6 +184,8 @@ impl Kind for Report {
 struct Images {
     /// Network calls of those of solvers.
     nfe: u64,
+    /// That of solvers with G-buffers.
+    nfe_gbuffer: u64,
     /// The viewer of the scenes on the page.
     viewer: Option<Viewer>,
     /// The figure that opens the page.
@@ -199,11 +206,17 @@ impl Images {
     fn load(ctx: &Context<'_>, action: &Action<'_, ReportParams>, material: &Material) -> Result<Self, KindError> {
         let params = &action.params;
         let (scenes, pixels) = (params.montage_scenes as usize, params.montage_pixels as usize);
-        let nfe = material.evaluation.as_ref().map_or(Ok(0), |evaluation| picture_nfe(evaluation, params))?;
+        let nfe = material
+            .evaluation
+            .as_ref()
+            .map_or(Ok(0), |evaluation| picture_nfe(evaluation, "montage_nfe", params.montage_nfe))?;
+        let asked = params.montage_nfe_gbuffer;
+        let of_gbuffer = |of| if asked.is_none() { Ok(nfe) } else { picture_nfe(of, "montage_nfe_gbuffer", asked) };
+        let nfe_gbuffer = material.evaluation.as_ref().map_or(Ok(nfe), of_gbuffer)?;
         let (opening, montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
             (Some(evaluation), Some(references)) if scenes > 0 => {
                 let refined = action.all_if(material::REFINED)?;
-                let choice = Choice { scenes, nfe, pixels };
+                let choice = Choice { scenes, nfe, nfe_gbuffer, pixels };
                 let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
                 let first = evaluation.nfe.first().copied().unwrap_or(nfe);
                 let methods = opening_methods(&standings(evaluation, first));
@@ -234,7 +247,7 @@ impl Images {
         };
         let shown = opening.iter().chain(&montages).chain(&by_calls).chain(&methods);
         let viewer = viewer(ctx, action, material, shown, &sheets)?;
-        Ok(Self { nfe, viewer, opening, montages, by_calls, methods, ladders, sheets })
+        Ok(Self { nfe, nfe_gbuffer, viewer, opening, montages, by_calls, methods, ladders, sheets })
     }
 
     /// Every montage.
@@ -317,13 +330,13 @@ fn figures(material: &Material) -> Vec<(&'static str, String)> {
 }
 
 /// The NFE of pictures and heat map.
-fn picture_nfe(evaluation: &Evaluation, params: &ReportParams) -> Result<u64, KindError> {
+fn picture_nfe(evaluation: &Evaluation, name: &str, asked: Option<u64>) -> Result<u64, KindError> {
     let first = evaluation.nfe.first().copied().unwrap_or(0);
-    match params.montage_nfe {
+    match asked {
         None => Ok(first),
         Some(nfe) if evaluation.nfe.contains(&nfe) => Ok(nfe),
         Some(nfe) => Err(KindError::Input(format!(
-            "`montage_nfe: {nfe}` was not evaluated, only {:?}; choose one of these, or add it to `nfe` of the \
+            "`{name}: {nfe}` was not evaluated, only {:?}; choose one of these, or add it to `nfe` of the \
              refinement",
             evaluation.nfe
         ))),
@@ -346,7 +359,12 @@ fn sections(material: &Material, params: &ReportParams, images: &Images) -> Resu
         evaluation.and_then(|of| sections::strata::section(of, images.nfe)),
         evaluation.and_then(sections::baselines::section),
         material.time_error.as_ref().map(sections::time_error::section),
-        sections::montage::section(&images.montages, &images.by_calls, images.nfe, images.viewer.as_ref())?,
+        sections::montage::section(
+            &images.montages,
+            &images.by_calls,
+            [images.nfe, images.nfe_gbuffer],
+            images.viewer.as_ref(),
+        )?,
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),

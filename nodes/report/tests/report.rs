@@ -525,6 +525,18 @@ fn an_nfe_that_was_not_evaluated_is_refused() {
     let params = ReportParams { montage_nfe: Some(9), ..ReportParams::default() };
     let html = text(&run(&blobs, params, &inputs).expect("a report"), "report.html");
     assert!(html.contains("Results by stratum at NFE 9"));
+    // Solvers with G-buffers may have their own, as in the paper.
+    let params = ReportParams { montage_nfe: Some(1), montage_nfe_gbuffer: Some(9), ..ReportParams::default() };
+    let both = run(&blobs, params, &inputs).expect("a report");
+    assert!(text(&both, "report.html").contains("at NFE 1, those with G-buffers at NFE 9. Captions"));
+    let same = ReportParams { montage_nfe: Some(1), ..ReportParams::default() };
+    let same = run(&blobs, same, &inputs).expect("a report");
+    for (file, differs) in [("montage-rgb.png", false), ("montage-gbuffer.png", true)] {
+        assert_eq!(both[file] != same[file], differs, "{file}");
+    }
+    let params = ReportParams { montage_nfe_gbuffer: Some(3), ..ReportParams::default() };
+    let error = run(&blobs, params, &inputs).expect_err("3 is not there").to_string();
+    assert!(error.contains("montage_nfe_gbuffer: 3"), "{error}");
 }
 
 #[test]

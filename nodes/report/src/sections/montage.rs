@@ -17,7 +17,7 @@ use tauflow_data::{Stratum, image_io::encode_png};
 pub fn section(
     montages: &[Montage],
     by_calls: &[Montage],
-    nfe: u64,
+    [nfe, nfe_gbuffer]: [u64; 2],
     viewer: Option<&Viewer>,
 ) -> Result<Option<Section>, KindError> {
     let Some(first) = montages.iter().find(|m| !m.rows.is_empty()) else { return Ok(None) };
@@ -30,8 +30,12 @@ pub fn section(
             " Pictures are averaged over {n} × {n} pixels, which hides some noise; scores are for full resolution."
         ),
     };
+    let calls = match nfe_gbuffer == nfe {
+        true => format!("at NFE {nfe}"),
+        false => format!("at NFE {nfe}, those with G-buffers at NFE {nfe_gbuffer}"),
+    };
     let mut body = format!(
-        "<p>The first scene of each stratum by number (not selected by quality), at NFE {nfe}. Captions: HDR PSNR in \
+        "<p>The first scene of each stratum by number (not selected by quality), {calls}. Captions: HDR PSNR in \
          dB, with the best of each row in bold.{reduced}</p>{}",
         tabs("montage", &panels(montages)?)
     );
