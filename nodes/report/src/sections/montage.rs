@@ -77,8 +77,9 @@ pub fn linked(picture: &str, viewer: Option<&Viewer>, scene: &str, frame: &str) 
 /// # Errors
 /// If a picture cannot be encoded.
 pub fn grid(montage: &Montage, viewer: Option<&Viewer>) -> Result<String, KindError> {
-    // Pictures smaller than this show nothing: a narrow page scrolls.
-    let width = 92 + 84 * montage.columns.len();
+    // Pictures smaller than this show nothing: a narrow page scrolls. All methods are to fit on a wide one.
+    let each = if montage.columns.len() > 12 { 66 } else { 84 };
+    let width = 92 + each * montage.columns.len();
     let mut out =
         format!(r#"<div class="scroll"><table class="montage" style="min-width:{width}px"><thead><tr><th></th>"#);
     for (_, head) in &montage.columns {
