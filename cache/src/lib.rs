@@ -60,7 +60,7 @@ pub use digest::{Digest, ParseDigestError};
 pub use error::CacheError;
 pub use gc::{GcOptions, GcReport};
 pub use key::{Key, ParseKeyError};
-pub use network::{FileSystem, has_no_locks, rename};
+pub use network::{FileSystem, has_no_locks, network, rename};
 pub use record::{Record, Recorded};
 pub use stat::{LabelStat, Stat};
 pub use store::Store;

@@ -32,7 +32,7 @@ pub struct FileSystem {
 }
 
 /// The name of the file system of a folder, if several machines can share it.
-pub(crate) fn network(folder: &Path) -> Option<&'static str> {
+pub fn network(folder: &Path) -> Option<&'static str> {
     let found = statfs(folder).ok()?.filesystem_type().0 as i64;
     // The type is signed on some machines.
     NETWORKS.iter().find(|(number, _)| found & 0xFFFF_FFFF == *number).map(|(_, name)| *name)

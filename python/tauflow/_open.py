@@ -122,7 +122,8 @@ class Results:
     def pipeline(self) -> Pipeline:
         """The pipeline of the run that wrote these results, with its profile and overrides."""
         if self._pipeline is None:
-            last = "1" if "run" not in self.summary else "100000"
+            wanted = self.summary.get("run")
+            last = "100000" if wanted else "1"
             words = ["runs", self.name, "--json", "--last", last, *(["--cache", self._cache] if self._cache else [])]
             try:
                 lines = _run(words).splitlines()
@@ -132,9 +133,9 @@ class Results:
             if not lines:
                 raise TauflowError(f"no run of `{self.name}` is recorded in the cache; open the pipeline file instead")
             runs = [json.loads(line) for line in lines]
-            own = [run for run in runs if run["id"] == self.summary.get("run", run["id"])]
+            own = [run for run in runs if wanted in (None, run["id"])]
             if not own:
-                told = f"run {self.summary['run']}, which wrote {self.folder}, is not recorded in the cache any more"
+                told = f"run {wanted}, which wrote {self.folder}, is not recorded in the cache any more"
                 raise TauflowError(f"{told}; open the pipeline file instead, or run it again")
             self._pipeline = _pipeline_of(own[-1], self._cache, self._raw)
         return self._pipeline

@@ -38,7 +38,8 @@ def typed(rows: List[Dict[str, Any]]) -> pd.DataFrame:
     for name in frame.columns:
         values = [number(value) for value in frame[name]]
         # An empty cell among numbers is a number that is not there.
-        if not any(isinstance(value, str) and value for value in values):
+        texts = [value for value in values if isinstance(value, str)]
+        if len(texts) < len(values) and not any(texts):
             frame[name] = [float("nan") if value == "" else value for value in values]
     return frame
 

@@ -31,7 +31,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 use tauflow_cache::{CacheError, Key, Store};
 use tauflow_contract::{Digest, Progress, read_regular};
@@ -41,6 +41,8 @@ const MOST_BYTES: u64 = 1 << 30;
 
 /// How late a network file system lists the files of other machines: NFS does so for up to a minute by default.
 const LISTED_LATE: Duration = Duration::from_secs(60);
+/// Time between two looks for what is listed late.
+const LOOK_AGAIN: Duration = Duration::from_millis(500);
 
 /// The actions that a process runs, in this order.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -174,21 +176,23 @@ impl BatchedAction {
     }
 
     /// Executes it. A network file system may list inputs late, in the cache or in the upstream: while some are missing
-    /// there, it is tried again for a minute.
+    /// there, it is tried again, for a minute in a batch.
     fn run_with_inputs(
         self,
         site: &ExecSite<'_>,
         progress: &dyn Progress,
+        patience: &mut Duration,
     ) -> Result<(Execution, Option<PreparedAction>), CacheError> {
-        let (store, begun) = (site.holdings.store, Instant::now());
+        let store = site.holdings.store;
         loop {
             let done = self.clone().run(site, progress);
             let missing = matches!(done.0.outcome, Outcome::Missing(_));
             let late = missing && (store.file_system().network.is_some() || store.beyond_lists_late());
-            if !late || begun.elapsed() > LISTED_LATE || site.stop.load(Ordering::Relaxed) {
+            if !late || patience.is_zero() || site.stop.load(Ordering::Relaxed) {
                 return Ok(done);
             }
-            thread::sleep(Duration::from_millis(500));
+            thread::sleep(LOOK_AGAIN);
+            *patience = patience.saturating_sub(LOOK_AGAIN);
             store.refresh()?;
             store.refresh_beyond();
         }
@@ -255,13 +259,14 @@ impl BatchFile {
         let wanted = self.wanted.into_iter().collect::<HashSet<_>>();
         // Nothing is passed on in memory here: all inputs are stored.
         let site = ExecSite { holdings: Holdings::stored(store, &wanted), registry, stop };
+        let mut patience = LISTED_LATE;
         for (action, of) in self.actions.into_iter().enumerate() {
             let compare = of.compare;
             let (execution, executed) = if stop.load(Ordering::Relaxed) {
                 (Execution::of(Outcome::Cancelled), None)
             } else {
                 tell(&Line::Begun { action });
-                of.run_with_inputs(&site, &Reporter { action, tell })?
+                of.run_with_inputs(&site, &Reporter { action, tell }, &mut patience)?
             };
             if let (Some(recorded), Some(executed)) = (recorded, executed)
                 && let Outcome::Hit(_) | Outcome::Ran(_) = execution.outcome

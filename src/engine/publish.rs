@@ -157,7 +157,7 @@ pub fn write_summary(out: &Path, pipeline: &str, run: Option<&str>, summary: &Su
     let before = idle.then(|| fs::read(out.join(SUMMARY)).ok()).flatten();
     let before = before.and_then(|bytes| serde_json::from_slice::<Map<String, Value>>(&bytes).ok());
     if let Some(mut before) = before {
-        if before.get("run").and_then(Value::as_str) == run {
+        if run.is_none() || before.get("run").and_then(Value::as_str) == run {
             return Ok(());
         }
         before.insert("run".into(), json!(run));

@@ -223,7 +223,9 @@ impl<'a> Run<'a> {
             let pass = self.pass(&wanted, &ran)?;
             summary.failures = pass.failures;
             summary.elsewhere = pass.elsewhere;
-            summary.compared = pass.compared;
+            // What a pass before found different is not compared again.
+            summary.compared.equal = summary.compared.equal.max(pass.compared.equal);
+            summary.compared.differing = summary.compared.differing.max(pass.compared.differing);
             summary.nodes = pass.stats;
             for ((seconds, bytes), node) in spent.iter_mut().zip(&mut summary.nodes) {
                 *seconds += node.spent_s;

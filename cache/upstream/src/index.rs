@@ -144,6 +144,8 @@ impl Contents {
             !of_pack.is_empty()
         });
         notes.sort();
+        // Whoever reads indices that come later meets packs that are later, too.
+        contents.standing = None;
         Ok(contents)
     }
 

@@ -251,8 +251,17 @@ impl Objects {
         let payload: PutPayload = chunks.into_iter().collect();
         let put = |mode: PutMode| wait(self.store.put_opts(&path, payload.clone(), PutOptions::from(mode)));
         match put(PutMode::Create) {
-            Ok(_) | Err(Error::AlreadyExists { .. } | Error::Precondition { .. }) => Ok(()),
-            // A service without conditional writes. The name is the digest of the content, so nothing is lost.
+            Ok(_) => Ok(()),
+            Err(Error::AlreadyExists { .. } | Error::Precondition { .. }) => {
+                // A truncated one is written again. The name is the digest of the content, so nothing is lost.
+                match wait(self.store.head(&path)) {
+                    Ok(there) if there.size != size as u64 => {
+                        put(PutMode::Overwrite).map(drop).map_err(|error| self.error("write to", &error))
+                    }
+                    _ => Ok(()),
+                }
+            }
+            // A service without conditional writes.
             Err(Error::NotImplemented { .. } | Error::NotSupported { .. }) => {
                 put(PutMode::Overwrite).map(drop).map_err(|error| self.error("write to", &error))
             }

@@ -166,6 +166,13 @@ impl Places {
         Ok(())
     }
 
+    /// Packs that could not be opened and blobs that could not be had may be there now.
+    pub fn try_again(&self) {
+        let mut used = self.used();
+        used.bad.clear();
+        used.open.retain(|_, pack| pack.is_some());
+    }
+
     fn listed(&self) -> RwLockReadGuard<'_, Listed> {
         self.listed.read().unwrap_or_else(PoisonError::into_inner)
     }

@@ -132,12 +132,15 @@ impl Beyond for Reader {
     }
 
     fn lists_late(&self) -> bool {
-        self.places().is_some_and(|places| places.upstream.is_folder())
+        self.places().is_some_and(|places| places.upstream.lists_late())
     }
 
     fn look_again(&self) {
         // What fails is found again by whoever reads next.
         let _ = self.refresh();
+        if let Some(places) = self.places() {
+            places.try_again();
+        }
     }
 }
 

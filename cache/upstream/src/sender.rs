@@ -15,7 +15,8 @@ use tauflow_cache::{Digest, Key, Store};
 #[derive(Debug)]
 pub struct Sender {
     upstream: Upstream,
-    there: Mutex<Contents>,
+    /// The contents, once they were read.
+    there: Mutex<Option<Contents>>,
 }
 
 impl Sender {
@@ -36,10 +37,14 @@ impl Sender {
     /// When the store cannot be read, or the upstream cannot be read or written.
     pub fn send(&self, store: &Store, blobs: &[Digest], records: &[(&str, Key)]) -> Result<(), UpstreamError> {
         let mut there = self.there.lock().unwrap_or_else(PoisonError::into_inner);
-        there.refresh(&self.upstream)?;
+        // At first, packs are looked for, too: blobs of lost ones are sent again.
+        match &mut *there {
+            Some(there) => there.refresh(&self.upstream)?,
+            None => *there = Some(self.upstream.contents()?),
+        }
+        let Some(there) = &*there else { return Ok(()) }; // set right above
         let mut writer = Writer::new(&self.upstream);
         let mut sent: HashSet<Digest> = HashSet::new();
-        let there = &*there;
         let mut blob = |digest: Digest, writer: &mut Writer<'_>| {
             if there.blobs.contains_key(&digest) || sent.contains(&digest) {
                 return Ok(true);

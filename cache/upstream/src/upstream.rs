@@ -237,9 +237,9 @@ impl Upstream {
         }
     }
 
-    /// Whether it is a directory, whose file system may show late what other machines write.
-    pub(crate) fn is_folder(&self) -> bool {
-        matches!(self.place, Place::Folder(_))
+    /// Whether it is a directory whose file system may show late what other machines write.
+    pub(crate) fn lists_late(&self) -> bool {
+        matches!(&self.place, Place::Folder(folder) if tauflow_cache::network(folder.root()).is_some())
     }
 
     /// Requests so far; none for a directory.

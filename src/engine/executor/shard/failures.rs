@@ -1,20 +1,20 @@
 //! What failed in other shards of a run, as notes in the cache: without them, who waits for a result would wait for
-//! ever. A shard that begins removes its own notes of earlier runs. So a note that was there before is heeded once
-//! shards that begin at the same time had time to do so.
+//! ever. A note that is clearly older than the run is of an earlier one, and means nothing: its action may be tried
+//! again at any time, which removes the note.
 
 use serde::{Deserialize, Serialize};
 use std::{
     collections::HashMap,
     fs, io,
     path::{Path, PathBuf},
-    time::{Duration, Instant, SystemTime},
+    time::{Duration, SystemTime},
 };
 use tauflow_cache::{Key, Store};
 
 /// The directory of the notes in a cache.
 const FOLDER: &str = "shards";
-/// Until then, a note that was there before is of an earlier run.
-const GRACE: Duration = Duration::from_secs(30);
+/// Shards that run together begin within this time: a note that is younger when a run begins may be of this run.
+const RECENT: Duration = Duration::from_secs(60);
 
 /// Why an action failed.
 #[derive(Serialize, Deserialize)]
@@ -31,9 +31,10 @@ type State = (Option<SystemTime>, u64);
 /// See the module.
 pub struct Failures {
     folder: PathBuf,
-    /// The notes that were there at first.
+    /// The notes of earlier runs.
     before: HashMap<String, State>,
-    begun: Instant,
+    /// Tells drafts of notes apart.
+    shard: String,
 }
 
 impl Failures {
@@ -41,21 +42,14 @@ impl Failures {
     pub fn from_now(store: &Store, shard: &str) -> Self {
         let folder = store.dir().join(FOLDER);
         let mut before = listed(&folder);
-        before.retain(|name, _| {
-            let path = folder.join(name);
-            let own = read(&path).is_some_and(|failed| failed.shard == shard);
-            !(own && fs::remove_file(path).is_ok())
-        });
-        Self { folder, before, begun: Instant::now() }
+        before.retain(|_, (written, _)| written.and_then(|at| at.elapsed().ok()).is_some_and(|ago| ago > RECENT));
+        Self { folder, before, shard: shard.replace('/', "-") }
     }
 
     /// An action is tried again: what was noted about it is no longer so.
     pub fn forget(&self, key: &Key) {
-        let name = key.hex();
-        if self.before.contains_key(&name) {
-            // One that cannot be removed is heeded; then the other shard runs again.
-            let _ = fs::remove_file(self.folder.join(name));
-        }
+        // One that cannot be removed is of an earlier run, or heeded; then the other shard runs again.
+        let _ = fs::remove_file(self.folder.join(key.hex()));
     }
 
     /// Notes that an action failed here.
@@ -68,7 +62,7 @@ impl Failures {
             _ => {}
         }
         let name = key.hex();
-        let draft = self.folder.join(format!("{name}.{}", std::process::id()));
+        let draft = self.folder.join(format!("{name}.{}.{}", self.shard, std::process::id()));
         fs::write(&draft, serde_json::to_vec(failed)?)?;
         fs::rename(&draft, self.folder.join(name))
     }
@@ -76,9 +70,7 @@ impl Failures {
     /// What is noted now, by the text of the key, without what is of earlier runs.
     pub fn now(&self) -> HashMap<String, State> {
         let mut now = listed(&self.folder);
-        if self.begun.elapsed() < GRACE {
-            now.retain(|name, state| self.before.get(name) != Some(state));
-        }
+        now.retain(|name, state| self.before.get(name) != Some(state));
         now
     }
 
@@ -113,21 +105,19 @@ mod tests {
         let failed = |message: &str| Failed { shard: "2/2".into(), message: message.into() };
         let early = Failures::from_now(&store, "2/2");
         early.note(&one, &failed("first")).expect("room");
-        assert_eq!(early.now().len(), 1);
+        // A note of a shard that began a little earlier counts, one of an earlier run does not.
+        assert_eq!(Failures::from_now(&store, "1/2").now().len(), 1);
+        let path = store.dir().join(FOLDER).join(one.hex());
+        let old = SystemTime::now() - 2 * RECENT;
+        fs::File::options().append(true).open(&path).and_then(|file| file.set_modified(old)).expect("it is ours");
         let late = Failures::from_now(&store, "1/2");
         assert!(late.now().is_empty());
         late.note(&two, &failed("second")).expect("room");
         late.note(&one, &failed("once more, at length")).expect("room");
         assert_eq!(late.now().len(), 2);
         assert_eq!(late.read(&one).expect("a note").message, "once more, at length");
-        // Whoever begins later heeds them after some time.
-        let mut later = Failures::from_now(&store, "1/2");
-        assert!(later.now().is_empty());
-        later.begun -= GRACE;
-        assert_eq!(later.now().len(), 2);
-        // An action is tried again, by this shard or by one of another number.
-        later.forget(&one);
-        assert!(later.read(&one).is_none() && later.read(&two).is_some());
-        assert!(Failures::from_now(&store, "2/2").read(&two).is_none());
+        // An action is tried again.
+        late.forget(&one);
+        assert!(late.read(&one).is_none() && late.read(&two).is_some());
     }
 }
