@@ -46,7 +46,9 @@ fn jobs_of_schedulers_make_the_outputs_of_the_quickstart() {
         let mut more = vec!["--locked", "--executor", executor, "--poll-every", "0.5s", "--batch", "20s", core];
         more.extend(share.into_iter().flat_map(|share| ["--wait", "--shard", share]));
         let said = run(folder.path(), &cache, &more, variables);
-        assert!(said.contains(".lock agrees") && said.contains("jobs: ") && !said.contains("warning"), "{said}");
+        // On a slow machine, one waits for the other for more than a minute, and says so.
+        let warns = |line: &str| line.contains("warning") && !line.contains("waiting for actions of other shards");
+        assert!(said.contains(".lock agrees") && said.contains("jobs: ") && !said.lines().any(warns), "{said}");
     };
     let (slurm, hyperqueue) = (Slurm::start(), HyperQueue::start());
     let shares = if slurm.is_some() && hyperqueue.is_some() { [Some("1/2"), Some("2/2")] } else { [None, None] };
