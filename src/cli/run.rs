@@ -360,7 +360,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
     }
 }
 
-/// What other shards, of so many, have not done, and what to do.
+/// The actions that other shards have not done, and how to get them done. There are `count` shards.
 fn missing(elsewhere: &BTreeMap<u32, u64>, count: u32) -> Option<String> {
     let of: Vec<String> = elsewhere
         .iter()

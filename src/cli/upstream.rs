@@ -267,8 +267,8 @@ pub(crate) fn push(args: &PushArgs, registry: &Registry, at: &CacheAt) -> Result
     Ok(noted(&pushed.notes))
 }
 
-/// The results of a pipeline that the cache and the upstream have. What one of them has rests on results that only the
-/// other may have: a run that finds a whole node in the upstream copies none of its actions.
+/// The results of a pipeline in the cache and in the upstream. Both are needed: a run that finds a whole node in the
+/// upstream copies none of its actions to the cache.
 fn published(pipeline: &Pipeline, at: &CacheAt) -> Result<engine::Reached, CliError> {
     Ok(engine::reached(pipeline, &at.look()?)?)
 }

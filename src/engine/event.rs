@@ -307,7 +307,7 @@ pub struct Summary {
     pub failures: Vec<Failure>,
     /// Results that were made again, and compared.
     pub compared: Compared,
-    /// With a share of the run: numbers of actions that other shards have not done, by shard (from 1).
+    /// Number of actions that other shards have not done, by shard, from 1. Empty in a run without shards.
     pub elsewhere: BTreeMap<u32, u64>,
     /// True if the run was stopped.
     pub interrupted: bool,

@@ -136,7 +136,7 @@ impl Beyond for Reader {
     }
 
     fn look_again(&self) {
-        // What fails is found again by whoever reads next.
+        // An error shows again at the next read.
         let _ = self.refresh();
         if let Some(places) = self.places() {
             places.try_again();

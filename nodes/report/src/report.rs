@@ -184,7 +184,7 @@ impl Kind for Report {
 struct Images {
     /// Network calls of those of solvers.
     nfe: u64,
-    /// That of solvers with G-buffers.
+    /// NFE of the pictures of solvers with G-buffers.
     nfe_gbuffer: u64,
     /// The viewer of the scenes on the page.
     viewer: Option<Viewer>,

@@ -212,7 +212,7 @@ fn wait(share: Share, of: &Waiting<'_>, failures: &Failures, orders: &mpsc::Rece
     }
 }
 
-/// What is waited for, by shard.
+/// The message that this run waits, with the number of actions of each other shard.
 fn waiting(share: Share, open: &[Awaited]) -> String {
     let mut shards: BTreeMap<u32, usize> = BTreeMap::new();
     for Awaited { order, .. } in open {

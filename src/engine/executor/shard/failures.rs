@@ -1,6 +1,6 @@
-//! What failed in other shards of a run, as notes in the cache: without them, who waits for a result would wait for
-//! ever. A note that is clearly older than the run is of an earlier one, and means nothing: its action may be tried
-//! again at any time, which removes the note.
+//! Notes in the cache about actions that failed in a shard. A shard that waits for such an action ends with the message
+//! of the note; otherwise it would wait for ever. Notes from long before the run began are ignored, because their shard
+//! may try the action again. A new attempt removes the note.
 
 use serde::{Deserialize, Serialize};
 use std::{
@@ -67,7 +67,7 @@ impl Failures {
         fs::rename(&draft, self.folder.join(name))
     }
 
-    /// What is noted now, by the text of the key, without what is of earlier runs.
+    /// The current notes by the text of their key, without notes of earlier runs.
     pub fn now(&self) -> HashMap<String, State> {
         let mut now = listed(&self.folder);
         now.retain(|name, state| self.before.get(name) != Some(state));
