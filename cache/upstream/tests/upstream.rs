@@ -176,34 +176,39 @@ fn a_truncated_a_missing_and_a_strange_pack_and_a_truncated_index_are_notes() {
     for damage in 0..4 {
         let lab = Lab::new();
         let (a, b) = (lab.store("a"), lab.store("b"));
-        add(&a, "x");
+        let record = add(&a, "x");
         lab.push(&a);
         let (pack, index) = (lab.files("pack")[0].clone(), lab.files("index")[0].clone());
-        let expected = match damage {
+        // What a pull says, which looks at the sizes of packs first, and what is said by a store that reads the blob.
+        let (listed, read) = match damage {
             0 => {
                 change(&pack, |bytes| bytes.truncate(3));
-                "is missing or truncated"
+                ("is missing or truncated", "is truncated")
             }
             1 => {
                 fs::remove_file(&pack).expect("writable");
-                "is missing or truncated"
+                ("is missing or truncated", "cannot be read")
             }
             2 => {
                 // A pipe that nobody writes to would keep a reader waiting.
                 fs::remove_file(&pack).expect("writable");
                 let made = Command::new("mkfifo").arg(&pack).status().expect("coreutils");
                 assert!(made.success());
-                "is missing or truncated"
+                ("is missing or truncated", "is not a regular file")
             }
             _ => {
                 change(&index, |bytes| bytes.truncate(bytes.len() - 9));
-                "is damaged or truncated"
+                ("is damaged or truncated", "is damaged or truncated")
             }
         };
         let pulled = lab.pull(&b);
         assert_eq!((pulled.records, pulled.blobs), (0, 0));
-        assert!(pulled.notes.iter().any(|note| note.contains(expected)), "{pulled:?}");
+        assert!(pulled.notes.iter().any(|note| note.contains(listed)), "{pulled:?}");
         assert!(b.lookup("action", &Key::of(b"x")).is_none());
+        let (c, told) = lab.reading("c");
+        assert_eq!(c.get(&record.refs[0]).expect("readable"), None);
+        let told = notes(&told);
+        assert!(told.iter().any(|note| note.contains(read)), "{told:?}");
     }
 }
 
