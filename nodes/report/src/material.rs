@@ -1,11 +1,15 @@
 //! Everything a report may show, loaded. Knows other kinds by the records they hand on.
 
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{Action, All, Context, InputPort, KindError, Media};
-use tauflow_data::records::{
-    Bridge, BridgeFiles, Convergence, Evaluation, Ladder, PackedScene, Refined, Rollout, SamplingReport,
-    SceneStatistics, ScoreTable, SplitReport, TimeError, TrainingLog, TrainingTiming, Verdict,
+use tauflow_data::{
+    records::{
+        AssetReport, Bridge, BridgeFiles, Convergence, Evaluation, Ladder, PackedScene, Refined, Rollout,
+        SamplingReport, SceneRecord, SceneStatistics, ScoreTable, SplitReport, TimeError, TrainingLog, TrainingTiming,
+        Verdict,
+    },
+    scene::Recipe,
 };
 
 pub const EVALUATION: All<Evaluation> = All::new("evaluation", "Scores of every method.").or_none().single();
@@ -30,6 +34,12 @@ const CONVERGENCE: All<Convergence> =
 const TIME_ERROR: All<TimeError> =
     All::new("time_error", "Error against time: the first section of the page.").or_none().single();
 const STATISTICS: All<SceneStatistics> = All::new("statistics", "Statistics of the scenes.").or_none();
+pub const ASSETS: All<AssetReport> =
+    All::new("assets", "Import results of the files with HDRIs and objects, from `assets`.").or_none();
+pub const TRAIN_SCENES: All<SceneRecord> =
+    All::new("train_scenes", "Training scenes, to count those with assets from files.").or_none();
+pub const TEST_SCENES: All<SceneRecord> =
+    All::new("test_scenes", "Test scenes, to count those with assets from files.").or_none();
 
 /// The inputs of `report`.
 pub const INPUTS: &[InputPort] = &[
@@ -49,6 +59,9 @@ pub const INPUTS: &[InputPort] = &[
     TABLES.port(),
     LADDERS.port(),
     STATES.port(),
+    ASSETS.port(),
+    TRAIN_SCENES.port(),
+    TEST_SCENES.port(),
 ];
 
 /// Coordinates of a matrix cell, e.g. `parameterization` -> `mc_noise`.
@@ -81,6 +94,51 @@ pub struct Material {
     pub references: Option<References>,
     /// Tables of scores, by key.
     pub tables: Vec<(String, ScoreTable)>,
+    /// Assets from files; empty ones if the pipeline has none.
+    pub assets: Option<Assets>,
+}
+
+/// Files with assets, and the scenes that use them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Assets {
+    /// Import results, by file.
+    pub reports: Vec<AssetReport>,
+    /// Uses in training scenes, if connected.
+    pub train: Option<Uses>,
+    /// Uses in test scenes, if connected.
+    pub test: Option<Uses>,
+}
+
+/// Uses of assets from files in the scenes of one side.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Uses {
+    /// Number of scenes.
+    pub scenes: u64,
+    /// Scenes with at least one object from a file.
+    pub with_object: u64,
+    /// Scenes with an environment map from a file.
+    pub with_environment: u64,
+    /// Scenes by file.
+    pub by_name: BTreeMap<String, u64>,
+}
+
+impl Uses {
+    /// Number of scenes that use a file.
+    pub fn of(&self, name: &str) -> u64 {
+        self.by_name.get(name).copied().unwrap_or(0)
+    }
+
+    fn add(&mut self, recipe: &Recipe) {
+        let from_file = |name: &&String| !name.starts_with("procedural/");
+        let objects: BTreeSet<&String> = recipe.objects.iter().filter(from_file).collect();
+        let environment = Some(&recipe.environment).filter(|name| *name != "none").filter(from_file);
+        self.scenes += 1;
+        self.with_object += u64::from(!objects.is_empty());
+        self.with_environment += u64::from(environment.is_some());
+        for name in objects.into_iter().chain(environment) {
+            *self.by_name.entry(name.clone()).or_default() += 1;
+        }
+    }
 }
 
 /// Metadata of the references.
@@ -115,6 +173,23 @@ fn one<M: Media, P>(ctx: &Context<'_>, action: &Action<'_, P>, port: All<M>) -> 
     action.only_if(port)?.map(|item| item.load(ctx)).transpose()
 }
 
+fn uses<P>(ctx: &Context<'_>, action: &Action<'_, P>, port: All<SceneRecord>) -> Result<Option<Uses>, KindError> {
+    let Some(scenes) = action.all_if(port)? else { return Ok(None) };
+    let mut out = Uses::default();
+    for (_, scene) in scenes.iter() {
+        out.add(&SceneRecord::recipe(ctx, scene)?);
+    }
+    Ok(Some(out))
+}
+
+fn assets<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Option<Assets>, KindError> {
+    if action.all_if(ASSETS)?.is_none() {
+        return Ok(None);
+    }
+    let reports = all(ctx, action, ASSETS)?.into_iter().map(|(_, report)| report).collect();
+    Ok(Some(Assets { reports, train: uses(ctx, action, TRAIN_SCENES)?, test: uses(ctx, action, TEST_SCENES)? }))
+}
+
 fn references<P>(ctx: &Context<'_>, action: &Action<'_, P>) -> Result<Option<References>, KindError> {
     let Some(items) = action.all_if(REFERENCES)? else { return Ok(None) };
     let Some((_, item)) = items.iter().next() else { return Ok(None) };
@@ -143,6 +218,7 @@ impl Material {
             time_error: one(ctx, action, TIME_ERROR)?,
             statistics: all(ctx, action, STATISTICS)?,
             references: references(ctx, action)?,
+            assets: assets(ctx, action)?,
         })
     }
 
@@ -155,6 +231,31 @@ impl Material {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_assets_from_files_are_counted_and_each_once_per_scene() {
+        let mut recipe = Recipe {
+            stratum: "L0-open".into(),
+            index: 0,
+            content: None,
+            view: 0,
+            layout: "table".into(),
+            layout_params: BTreeMap::new(),
+            objects: vec!["cat.glb".into(), "cat.glb".into(), "procedural/vase".into()],
+            environment: "none".into(),
+            side: None,
+            exposure_ev: 0.0,
+        };
+        let mut uses = Uses::default();
+        uses.add(&recipe);
+        recipe.objects.retain(|name| name != "cat.glb");
+        recipe.environment = "procedural/dusk".into();
+        uses.add(&recipe);
+        recipe.environment = "dawn.hdr".into();
+        uses.add(&recipe);
+        assert_eq!((uses.scenes, uses.with_object, uses.with_environment), (3, 1, 1));
+        assert_eq!((uses.of("cat.glb"), uses.of("dawn.hdr"), uses.of("procedural/vase")), (1, 1, 0));
+    }
 
     #[test]
     fn keys_name_their_cells() {

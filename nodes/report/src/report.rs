@@ -81,7 +81,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(22), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(23), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -315,6 +315,9 @@ fn figures(material: &Material) -> Vec<(&'static str, String)> {
     if !claims.is_empty() {
         files.push(("claims.csv", sections::claims::csv(&claims)));
     }
+    if let Some(assets) = &material.assets {
+        files.push(("assets.csv", sections::assets::csv(assets)));
+    }
     if let Some(convergence) = &material.convergence {
         files.push(("convergence.csv", sections::convergence::csv(convergence)));
     }
@@ -368,6 +371,7 @@ fn sections(material: &Material, params: &ReportParams, images: &Images) -> Resu
         material.bridge.as_ref().map(|b| sections::bridge::section(b, params.bridge_scenes as usize)),
         sections::losses::section(&material.losses),
         sections::data::section(material),
+        material.assets.as_ref().map(sections::assets::section),
         sections::rejected::section(&images.sheets, params.montage_pixels as usize, images.viewer.as_ref())?,
         sections::scenes::section(&material.statistics),
         material.convergence.as_ref().and_then(sections::convergence::section),
@@ -385,7 +389,9 @@ fn missing(action: &Action<'_, ReportParams>, material: &Material) -> Vec<String
     }
     let there = |port: &str| action.all.get(port).is_some_and(|items| !items.is_empty());
     let alone = [material::TABLES.name(), material::LADDERS.name(), material::STATES.name()];
-    let missing = |name: &&str| !there(name) && !alone.contains(name);
+    // Only pipelines with files of assets connect these.
+    let files = [material::ASSETS.name(), material::TRAIN_SCENES.name(), material::TEST_SCENES.name()];
+    let missing = |name: &&str| !there(name) && !alone.contains(name) && !files.contains(name);
     material::INPUTS.iter().map(|port| port.name).filter(missing).map(str::to_owned).collect()
 }
 
@@ -395,7 +401,7 @@ fn results_json(material: &Material, params: &ReportParams) -> Result<Vec<u8>, K
         .into_iter()
         .map(|(s, g)| (s, json!({"pool": g.pool, "accepted": g.accepted, "rejected": g.rejected})))
         .collect();
-    pretty_json(&json!({
+    let mut results = json!({
         "title": params.title,
         "references": material.references,
         "evaluation": material.evaluation,
@@ -407,7 +413,11 @@ fn results_json(material: &Material, params: &ReportParams) -> Result<Vec<u8>, K
         "bridge": material.bridge_tables(),
         "convergence": material.convergence,
         "statistics": material.statistics.iter().map(|(key, of)| (key, of)).collect::<BTreeMap<_, _>>(),
-    }))
+    });
+    if let Some(assets) = &material.assets {
+        results["assets"] = json!(assets);
+    }
+    pretty_json(&results)
 }
 
 fn timings_csv(timings: &[(Cell, TrainingTiming)]) -> String {

@@ -1,5 +1,6 @@
 //! The sections of the page, one file each: every one turns material into HTML, and is left out without its input.
 
+pub mod assets;
 pub mod baselines;
 pub mod bridge;
 pub mod claims;

@@ -17,7 +17,8 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     }
     let first = ["hdr_psnr", "hdr_mae"];
     let has = |m: &&str| evaluation.hold.contains_key(*m);
-    let main: String = first.iter().filter(|m| has(m)).map(|m| row(evaluation, m)).collect();
+    let mut main: String = first.iter().filter(|m| has(m)).map(|m| row(evaluation, m)).collect();
+    main += &close_row(evaluation, "hdr_mae");
     let others: String = METRICS.iter().filter(|m| !first.contains(m) && has(m)).map(|m| row(evaluation, m)).collect();
     let gains: String = first.iter().filter(|m| has(m)).map(|m| gain_row(evaluation, m)).collect();
     let mut panels = vec![("HDR PSNR and MAE".to_owned(), main), ("Paired gain over the input".to_owned(), gains)];
@@ -27,9 +28,9 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     let body = format!(
         "<p>One trained model is used for every number of network calls (NFE). Bands are 95% intervals of the mean \
          over scenes. Scenes vary more than methods, so methods with overlapping bands can still differ significantly \
-         when paired by scene. Dashed: hold, the unchanged input. Paired gains are \
-         differences to the input of the same scene, so their bands are narrower, and a band above 0 is a significant \
-         gain (below 0 for an error).</p>{}",
+         when paired by scene. Dashed: hold, the unchanged input, and baselines. Close-ups show means up to {CLOSE} \
+         times the smallest. Paired gains are differences to the input of the same scene, so their bands are \
+         narrower, and a band above 0 is a significant gain (below 0 for an error).</p>{}",
         tabs("curves", &panels)
     );
     Some(Section::new("curves", "Quality against network calls", body))
@@ -64,6 +65,52 @@ fn gain_row(evaluation: &Evaluation, metric: &str) -> String {
         out.push_str(&format!("<figure>{}</figure>", plot.finish(&description)));
     }
     out + "</div>"
+}
+
+/// Errors up to this multiple of the smallest one are shown in close-ups.
+const CLOSE: f64 = 1.3;
+
+/// Close-ups of an error near its smallest mean: means without intervals. Empty where the whole panels show the same.
+fn close_row(evaluation: &Evaluation, metric: &str) -> String {
+    let points = |table: &MethodTable| -> Vec<(f64, f64)> {
+        table.at.iter().filter_map(|at| Some((at.nfe as f64, at.metrics.get(metric)?.mean))).collect()
+    };
+    let mut out = String::new();
+    for Group { title, tables, .. } in groups(evaluation) {
+        let conditioning = tables.first().map(|table| &table.conditioning);
+        let others = evaluation.baselines.iter().filter(|other| Some(&other.conditioning) == conditioning);
+        let levels: Vec<(&MethodTable, f64)> =
+            others.filter_map(|other| Some((other, points(other).first()?.1))).collect();
+        let means = tables.iter().flat_map(|table| points(table)).map(|(_, mean)| mean);
+        let means: Vec<f64> = means.chain(levels.iter().map(|(_, mean)| *mean)).filter(|mean| *mean > 0.0).collect();
+        let limit = CLOSE * means.iter().copied().fold(f64::INFINITY, f64::min);
+        let near: Vec<f64> = means.iter().copied().filter(|mean| *mean <= limit).collect();
+        if near.len() == means.len() || near.len() < 2 {
+            continue;
+        }
+        let x = Scale::log(evaluation.nfe.iter().map(|n| *n as f64), 0.03);
+        let mut plot = Plot::new([560.0, 310.0], [52.0, 108.0, 34.0, 40.0], x, Scale::log(near, 0.05));
+        plot.title(&format!("{}, close-up, {title}", metric_name(metric))).y_axis(6);
+        plot.x_axis(evaluation.nfe.iter().map(|n| (*n as f64, n.to_string())), "NFE (log)");
+        for (other, mean) in levels.into_iter().filter(|(_, mean)| *mean <= limit) {
+            let class = colour(&other.method);
+            plot.level(mean, &format!("{class} dashed")).end_label(mean, &class, &method_name(&other.method));
+        }
+        for table in &tables {
+            let class = colour(&table.method);
+            let points = points(table);
+            // A line ends where the method leaves the close-up.
+            for run in points.split(|(_, mean)| *mean > limit).filter(|run| !run.is_empty()) {
+                plot.line(run.iter().copied(), &class).dots(run.iter().copied(), 3.4, &class);
+            }
+            if let Some((_, last)) = points.iter().rfind(|(_, mean)| *mean <= limit) {
+                plot.end_label(*last, &class, &method_name(&table.method));
+            }
+        }
+        let description = format!("{} against NFE near the smallest, {title}", metric_name(metric));
+        out += &format!("<figure>{}</figure>", plot.finish(&description));
+    }
+    if out.is_empty() { out } else { format!(r#"<div class="grid2 charts">{out}</div>"#) }
 }
 
 /// The panels of one metric, on one y axis.
