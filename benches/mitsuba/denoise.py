@@ -3,10 +3,12 @@
 
     PYTHONPATH=python python3 benches/mitsuba/denoise.py [SCENE.xml ...] [--seeds 8] [--size 256]
 
-Without scenes it renders the Cornell box. Films of scene files should have a box filter. Each scene is rendered with 1, 4, 16 and 64 samples per pixel and
-each seed; albedo and shading normals have 16 samples. The reference is the mean of renders with other seeds. OIDN has
-its high quality, and prefiltered albedo and normals that it then takes as noise-free. `tauflow denoise` is told
-neither the sample count nor the exposure. Prints the mean PSNR of exposed linear radiance and of previews, and paired
+Without scenes it renders the Cornell box. Films of scene files should have a box filter. Each scene is rendered with 1,
+4, 16 and 64 samples per pixel and each seed; albedo and shading normals have 16 samples. The reference is the mean of
+renders with other seeds. OIDN has its high quality, and prefiltered albedo and normals that it then takes as
+noise-free. `tauflow denoise` is told neither the sample count nor the exposure.
+
+Prints the mean PSNR of exposed linear radiance and of previews, and paired
 differences with 95% intervals over scenes and seeds.
 
 Needs NumPy, Mitsuba 3, pyoidn 2.5, and `tauflow` in target/release.

@@ -16,7 +16,7 @@ PLANS = {
 # Presets whose output at a pixel depends only on its surroundings.
 LOCAL = ("fast", "best")
 CHANNELS, CLOCK = 15, 14
-BLACK, FLOOR, STEEPEST = 0.02, 0.05, 16.0
+BLACK, BARE, FLOOR, STEEPEST = 0.02, 0.25, 0.05, 16.0
 
 
 def sides(preset):
@@ -125,7 +125,7 @@ def bases(light, sides=(5, 3, 3, 3)):
 
 
 def channels(info):
-    wide, narrow = {"contrast": (15, 6), "plain": (9, 3)}[info.get("features", "contrast")]
+    wide, narrow = {"contrast": (15, 6), "covered": (15, 6), "plain": (9, 3)}[info.get("features", "contrast")]
     return wide if has_gbuffer(info) else narrow
 
 
@@ -218,11 +218,20 @@ def signed_expm1(x):
     return x.sign() * x.abs().expm1()
 
 
+def uncovered(normal):
+    """The share of each pixel [1, 1, H, W] without a surface, from mean normals [1, 3, H, W]."""
+    length = normal.norm(dim=1, keepdim=True).clamp(max=1)
+    least = -F.max_pool2d(-length, 3, stride=1, padding=1)
+    return (1 - length) * (1 - least / BARE).clamp(min=0)
+
+
 def features(info, state, gbuffer):
     """[1, C, H, W] of a state [1, 3, H, W] and a G-buffer [1, 6, H, W], with light and albedo."""
     around = lambda x: F.avg_pool2d(x, 5, stride=1, padding=2, count_include_pad=False)
     radiance = signed_expm1(state) if info["space"] == "log1p" else state
     albedo = torch.ones_like(state) if gbuffer is None else gbuffer[:, :3].clamp(min=0) + BLACK
+    if gbuffer is not None and info.get("features") == "covered":
+        albedo = albedo + uncovered(gbuffer[:, 3:])
     light = radiance / albedo
     if info.get("features") == "plain":
         return torch.cat([state] if gbuffer is None else [state, gbuffer], 1), light, albedo

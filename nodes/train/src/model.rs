@@ -155,6 +155,8 @@ impl Model {
     /// # Errors
     /// If the trained model would differ in what its weights mean.
     pub(crate) fn into_weights_for(self, like: &ModelInfo) -> Result<Weights, KindError> {
+        // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
+        let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
         let own = |info: &ModelInfo| {
             [
                 ("preset", info.preset.name().to_owned()),
@@ -162,7 +164,7 @@ impl Model {
                 ("parameterization", info.parameterization.name().into()),
                 ("space", info.space.name().into()),
                 ("output", info.output.name().into()),
-                ("features", info.features.name().into()),
+                ("features", features(info.features).name().into()),
                 ("law", info.law.name().into()),
             ]
         };

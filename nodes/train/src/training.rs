@@ -278,6 +278,7 @@ impl OneTraining<'_> {
             rung_exponent: p.rung_exponent,
             unknown_counts: p.unknown_counts,
             independent_targets: p.independent_targets,
+            uneven_counts: p.uneven_counts,
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };

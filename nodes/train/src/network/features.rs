@@ -28,6 +28,9 @@ const REACH: usize = 2;
 /// Added to albedo before it divides: what is black has light on it, too.
 const BLACK: f32 = 0.02;
 
+/// The length of the mean normal from which on a pixel says nothing of uncovered pixels around it.
+const BARE: f32 = 0.25;
+
 /// Input channels of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "snake_case")]
@@ -36,6 +39,9 @@ pub enum Features {
     /// the G-buffer.
     #[default]
     Contrast,
+    /// The same, but where a pixel shows no surface, such as sky, its albedo counts as white: edges of surfaces are
+    /// smooth against a bright sky.
+    Covered,
     /// The state in the training space and the G-buffer, unchanged.
     Plain,
 }
@@ -55,6 +61,7 @@ impl Features {
     pub fn name(self) -> &'static str {
         match self {
             Self::Contrast => "contrast",
+            Self::Covered => "covered",
             Self::Plain => "plain",
         }
     }
@@ -85,8 +92,8 @@ impl Encoding {
     /// Channels of the features.
     pub(crate) fn channels(&self) -> usize {
         match (self.features, self.gbuffer) {
-            (Features::Contrast, true) => 15,
-            (Features::Contrast, false) => 6,
+            (Features::Contrast | Features::Covered, true) => 15,
+            (Features::Contrast | Features::Covered, false) => 6,
             (Features::Plain, true) => 9,
             (Features::Plain, false) => 3,
         }
@@ -106,14 +113,19 @@ impl Encoding {
                 Space::Log1p => map(sample.state, |value| expm1(value.abs()).copysign(value)),
             };
             let albedo = gbuffer.map(|gbuffer| -> Vec<f32> {
-                gbuffer.chunks_exact(6).flat_map(|pixel| [0, 1, 2].map(|c| pixel[c].max(0.0) + BLACK)).collect()
+                let rest = match self.features {
+                    Features::Covered => uncovered(gbuffer, height, width),
+                    Features::Contrast | Features::Plain => vec![0.0; pixels],
+                };
+                let of = |(pixel, rest): (&[f32], f32)| [0, 1, 2].map(|c| pixel[c].max(0.0) + BLACK + rest);
+                gbuffer.chunks_exact(6).zip(rest).flat_map(of).collect()
             });
             let light = match &albedo {
                 Some(albedo) => map2(&radiance, albedo, |value, albedo| value / albedo),
                 None => radiance.clone(),
             };
             match self.features {
-                Features::Contrast => {
+                Features::Contrast | Features::Covered => {
                     let seen = map(&light, signed_log1p);
                     let around = surroundings(&seen, height, width);
                     let off = map2(&light, &around.mean, |value, mean| value - mean);
@@ -166,9 +178,11 @@ impl Encoding {
     pub(crate) fn reach(&self, network: &Unet) -> Option<usize> {
         // Contrasts look at means over windows of means over windows. Each scale of the head's windows looks at half a
         // side of blocks, and at the block that the pixel is in.
-        let contrasts = if self.features == Features::Contrast { 2 * REACH } else { 0 };
+        let contrasts = if self.features == Features::Plain { 0 } else { 2 * REACH };
         let windows = (0..).zip(self.preset.sides()).map(|(scale, side)| (side / 2 + 1) << scale).max().unwrap_or(0);
-        Some((network.reach()? + contrasts).max(windows))
+        // Coverage looks at the pixels beside each pixel that is looked at.
+        let beside = usize::from(self.gbuffer && self.features == Features::Covered);
+        Some((network.reach()? + contrasts).max(windows) + beside)
     }
 
     /// The network for such inputs.
@@ -191,6 +205,27 @@ impl Encoding {
         }
         out
     }
+}
+
+/// The share of each pixel of a G-buffer that shows no surface: 1 less the length of the mean normal.
+///
+/// The mean normal of rough and curved surfaces is shorter than 1, too. A pixel counts as partly uncovered only if it
+/// or one beside it shows (nearly) no surface.
+fn uncovered(gbuffer: &[f32], height: usize, width: usize) -> Vec<f32> {
+    let length = |pixel: &[f32]| pixel[3..6].iter().map(|n| n * n).sum::<f32>().min(1.0).sqrt();
+    let lengths: Vec<f32> = gbuffer.chunks_exact(6).map(length).collect();
+    let mut out = vec![0.0; height * width];
+    out.par_chunks_exact_mut(width).enumerate().for_each(|(y, out)| {
+        for (x, out) in out.iter_mut().enumerate() {
+            let own = lengths[y * width + x];
+            let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
+            let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
+            let near = rows.flat_map(|y| lengths[y * width + columns.start()..=y * width + columns.end()].iter());
+            let least = near.fold(own, |least, length| least.min(*length));
+            *out = (1.0 - own) * (1.0 - least / BARE).max(0.0);
+        }
+    });
+    out
 }
 
 /// The neighbourhood of each pixel: mean and deviation of the logarithms over a window, as linear values.
@@ -292,6 +327,32 @@ mod tests {
                 assert_eq!(reach(&seen), reach(&encoding) + 2 * REACH);
             }
         }
+    }
+
+    #[test]
+    fn pixels_without_a_surface_and_edges_beside_them_are_uncovered() {
+        // A column of sky, one that is half sky, and rough surfaces, whose mean normals are short, too.
+        let lengths = [0.0, 0.5, 0.6, 0.6, 1.0];
+        let row: Vec<f32> = lengths.iter().flat_map(|length| [0.3, 0.3, 0.3, 0.0, 0.0, *length]).collect();
+        let found = uncovered(&[row.clone(), row.clone(), row].concat(), 3, 5);
+        for row in found.chunks_exact(5) {
+            assert_eq!(row, [1.0, 0.5, 0.0, 0.0, 0.0]);
+        }
+        // Light over the edge of the sky: the sky's radiance is its light, and a mixed pixel lies between.
+        let light = |features: Features| {
+            let encoding = encoding(Space::Linear, features, Output::Means, Preset::Fast);
+            let (state, gbuffer) = (vec![2.0; 16 * 16 * 3], [0.0f32; 6].repeat(16 * 16));
+            let sample = Sample { state: &state, gbuffer: Some(&gbuffer), tau: None };
+            let head = encoding.inputs(&Device::flex(), &[sample], 16, 16).head.expect("means");
+            head.answer.albedo.expect("a G-buffer")[0]
+        };
+        assert!((light(Features::Covered) - 1.0 - BLACK).abs() < 1e-6);
+        assert_eq!(light(Features::Contrast), BLACK);
+        let reach = |features| {
+            let encoding = encoding(Space::Linear, features, Output::Means, Preset::Fast);
+            encoding.reach(&encoding.network()).expect("a local preset")
+        };
+        assert_eq!(reach(Features::Covered), reach(Features::Contrast) + 1);
     }
 
     #[test]

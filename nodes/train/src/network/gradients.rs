@@ -149,8 +149,37 @@ fn gradients_of_head_and_loss() {
         inputs[0].0.iter().enumerate().map(|(i, v)| if i % 2 == 0 { v + 0.3 } else { v - 0.2 }).collect();
     let target = Arc::new(target);
     for loss in [Loss::Squared, Loss::Absolute] {
-        check(&inputs, |t| head::mean_loss(t[0].clone(), target.clone(), target.len(), loss).reshape([1]));
+        check(&inputs, |t| head::mean_loss(t[0].clone(), (target.clone(), None), target.len(), loss).reshape([1]));
     }
+}
+
+#[test]
+fn gradients_of_the_tonal_loss() {
+    let (side, size) = (4, 2 * 4 * 4 * 3);
+    // Clean images between -0.5 and 2, and predictions off them by more than a step of the differences.
+    let clean: Vec<f32> = numbers(3, size).iter().map(|v| 0.75 + 1.25 * v).collect();
+    let state = Arc::new(numbers(4, size));
+    let target: Vec<f32> = state.iter().zip(&clean).map(|(state, clean)| state - clean).collect();
+    // Differences of all pairs of neighbours have a sign, too.
+    let off = |i: usize| (if (i / 3 + i / 12) % 2 == 0 { 0.4 } else { -0.3 }) + 0.03 * (i % 7) as f32;
+    let prediction: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + off(i)).collect();
+    let target = Arc::new(target);
+    let shown = head::Shown { state, side };
+    let loss = |t: &[Tensor<4>]| {
+        let judged = (target.clone(), Some(shown.clone()));
+        head::mean_loss(t[0].clone(), judged, target.len(), Loss::Tonal).reshape([1])
+    };
+    check(&[(prediction, vec![2, side, side, 3])], loss);
+    let at = |values: &[f32]| loss(&[tensor(values, [2, side, side, 3], &Device::flex())]).into_scalar::<f32>();
+    assert_eq!(at(&target), 0.0);
+    // A dark image that is off by 0.01 is worse than a bright one.
+    let dark = Arc::new(vec![0.0; size]);
+    let of = |log: f32| {
+        let (shown, target) = (head::Shown { state: dark.clone(), side }, Arc::new(vec![-log; size]));
+        let off = tensor(&vec![-log - 0.01; size], [2, side, side, 3], &Device::flex());
+        head::mean_loss(off, (target, Some(shown)), size, Loss::Tonal).into_scalar::<f32>()
+    };
+    assert!(of(0.01) > 2.0 * of(1.0) && of(40.0) > 0.0 && of(40.0).is_finite(), "{} {}", of(0.01), of(1.0));
 }
 
 #[test]
@@ -185,7 +214,10 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
         let tensors = network.slots().tensors(weights, device);
         let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau };
         let inputs = encoding.inputs(device, &[sample], 16, 16);
-        (head::mean_loss(network.forward(&tensors, inputs), target.clone(), target.len(), Loss::Squared), tensors)
+        (
+            head::mean_loss(network.forward(&tensors, inputs), (target.clone(), None), target.len(), Loss::Squared),
+            tensors,
+        )
     };
     let (value, tensors) = loss(&weights, &Device::flex().autodiff());
     let gradients = value.backward();

@@ -8,7 +8,7 @@
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
-use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, map2};
+use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
 use tauflow_tensors::apply;
 
 /// Output of the network.
@@ -173,18 +173,53 @@ pub enum Loss {
     Squared,
     /// By its size: the median, which a few fireflies do not move.
     Absolute,
+    /// By the size of the differences of logarithms and of tones, and of the edges of tones: dark pixels count about as
+    /// much as in a preview. Only for predictions of noise in logarithms.
+    Tonal,
+}
+
+/// The images that predictions of noise belong to: the noise is the state less the clean image.
+#[derive(Clone, Debug)]
+pub(crate) struct Shown {
+    /// [N, H, W, 3], signed logarithms.
+    pub(crate) state: Arc<Vec<f32>>,
+    /// Height and width.
+    pub(crate) side: usize,
+}
+
+/// Weight of differences of tones, and of differences of the slopes of tones, in [`Loss::Tonal`].
+pub(super) const TONES: f32 = 0.3;
+pub(super) const EDGES: f32 = 0.3;
+
+/// The inverse of the radiance below which tones are linear.
+pub(super) const DARK: f32 = 20.0;
+
+/// Logarithms above this are their own tones, but for a constant: an exponential could be too large.
+pub(super) const BRIGHT: f32 = 30.0;
+
+/// log(1 + [`DARK`] x) of the radiance x with this logarithm log(1 + x), with its sign.
+fn tone(log: f32) -> f32 {
+    let size = log.abs();
+    (log1p(DARK * expm1(size.min(BRIGHT))) + (size - BRIGHT).max(0.0)).copysign(log)
+}
+
+/// The slope of [`tone`].
+fn tone_slope(log: f32) -> f32 {
+    let radiance = expm1(log.abs().min(BRIGHT));
+    DARK * (1.0 + radiance) / (1.0 + DARK * radiance)
 }
 
 /// The losses of a prediction by a target of its shape, added and divided by `count`: how many there are in all parts
-/// of a batch together.
+/// of a batch together. [`Loss::Tonal`] needs the images.
 pub(crate) fn mean_loss<const D: usize>(
     prediction: Tensor<D>,
-    target: Arc<Vec<f32>>,
+    (target, shown): (Arc<Vec<f32>>, Option<Shown>),
     count: usize,
     loss: Loss,
 ) -> Tensor<1> {
     assert_eq!(prediction.shape().num_elements(), target.len(), "the target has the prediction's shape");
-    apply(MeanLoss { target, count, loss }, [prediction.into()], [1])
+    assert_eq!(loss == Loss::Tonal, shown.is_some(), "tones are those of images");
+    apply(MeanLoss { target, count, loss, shown }, [prediction.into()], [1])
 }
 
 /// See [`mean_loss`].
@@ -193,6 +228,28 @@ pub(super) struct MeanLoss {
     pub(super) target: Arc<Vec<f32>>,
     pub(super) count: usize,
     pub(super) loss: Loss,
+    pub(super) shown: Option<Shown>,
+}
+
+impl MeanLoss {
+    /// Differences of tones of the images: the predicted one less the target.
+    fn tones(&self, shown: &Shown, prediction: &[f32]) -> Vec<f32> {
+        let each = shown.state.iter().zip(prediction).zip(self.target.iter());
+        each.map(|((state, p), t)| tone(state - p) - tone(state - t)).collect()
+    }
+
+    /// Calls `f` for each pair of neighbours in the images: the first, and the one to its right or below it.
+    fn edges(shown: &Shown, mut f: impl FnMut(usize, usize)) {
+        let (side, row) = (shown.side, 3 * shown.side);
+        for at in 0..shown.state.len() {
+            if at % row + 3 < row {
+                f(at, at + 3);
+            }
+            if at / row % side + 1 < side {
+                f(at, at + row);
+            }
+        }
+    }
 }
 
 impl Operator<1> for MeanLoss {
@@ -203,10 +260,17 @@ impl Operator<1> for MeanLoss {
             let difference = f64::from(p - t);
             match self.loss {
                 Loss::Squared => difference * difference,
-                Loss::Absolute => difference.abs(),
+                Loss::Absolute | Loss::Tonal => difference.abs(),
             }
         };
-        let total: f64 = prediction.iter().zip(self.target.iter()).map(of).sum();
+        let mut total: f64 = prediction.iter().zip(self.target.iter()).map(of).sum();
+        if let Some(shown) = &self.shown {
+            let tones = self.tones(shown, prediction);
+            total += f64::from(TONES) * tones.iter().map(|tone| f64::from(tone.abs())).sum::<f64>();
+            let mut edges = 0.0;
+            Self::edges(shown, |a, b| edges += f64::from((tones[a] - tones[b]).abs()));
+            total += f64::from(EDGES) * edges;
+        }
         (vec![(total / self.count as f64) as f32], ())
     }
 
@@ -214,9 +278,26 @@ impl Operator<1> for MeanLoss {
         let scale = gradient[0] / self.count as f32;
         let of = |(p, t): (&f32, &f32)| match self.loss {
             Loss::Squared => 2.0 * (p - t) * scale,
-            Loss::Absolute if p == t => 0.0,
-            Loss::Absolute => scale * (p - t).signum(),
+            Loss::Absolute | Loss::Tonal => scale * sign(p - t),
         };
-        [prediction.iter().zip(self.target.iter()).map(of).collect()]
+        let mut out: Vec<f32> = prediction.iter().zip(self.target.iter()).map(of).collect();
+        if let Some(shown) = &self.shown {
+            let tones = self.tones(shown, prediction);
+            let mut slopes: Vec<f32> = tones.iter().map(|tone| TONES * sign(*tone)).collect();
+            Self::edges(shown, |a, b| {
+                let slope = EDGES * sign(tones[a] - tones[b]);
+                slopes[a] += slope;
+                slopes[b] -= slope;
+            });
+            for (((out, slope), state), p) in out.iter_mut().zip(slopes).zip(shown.state.iter()).zip(prediction) {
+                *out -= scale * slope * tone_slope(state - p);
+            }
+        }
+        [out]
     }
+}
+
+/// 1, -1, or 0 for no difference.
+fn sign(value: f32) -> f32 {
+    if value == 0.0 { 0.0 } else { value.signum() }
 }

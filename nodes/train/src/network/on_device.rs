@@ -1,6 +1,6 @@
 //! The operators of the head by burn's own operations: for devices that are no CPU. burn finds their gradients itself.
 
-use super::head::{Answer, BRIGHTEST, Loss, MeanLoss, Shade};
+use super::head::{Answer, BRIGHT, BRIGHTEST, DARK, EDGES, Loss, MeanLoss, Shade, Shown, TONES};
 use burn::tensor::{Tensor, activation::sigmoid};
 use tauflow_tensors::{OnDevice, constant, flat};
 
@@ -32,13 +32,33 @@ impl OnDevice<1> for Answer {
 impl OnDevice<1> for MeanLoss {
     fn by_tensors(&self, [prediction]: [Tensor<1>; 1]) -> Tensor<1> {
         let device = prediction.device();
-        let difference = prediction - constant(&self.target, [self.target.len()], &device);
+        let target = constant(&self.target, [self.target.len()], &device);
+        let difference = prediction.clone() - target.clone();
         let losses = match self.loss {
             Loss::Squared => difference.square(),
-            Loss::Absolute => difference.abs(),
+            Loss::Absolute | Loss::Tonal => difference.abs(),
         };
-        losses.sum() / self.count as f64
+        let mut total = losses.sum();
+        if let Some(Shown { state, side }) = &self.shown {
+            let state = constant(state, [state.len()], &device);
+            let tones = tone(state.clone() - prediction) - tone(state - target);
+            let images = tones.clone().reshape([-1, *side as i32, *side as i32, 3]);
+            let count = images.dims()[0];
+            let across = images.clone().slice([0..count, 0..*side, 1..*side, 0..3])
+                - images.clone().slice([0..count, 0..*side, 0..side - 1, 0..3]);
+            let down = images.clone().slice([0..count, 1..*side, 0..*side, 0..3])
+                - images.slice([0..count, 0..side - 1, 0..*side, 0..3]);
+            total = total + tones.abs().sum() * TONES + (across.abs().sum() + down.abs().sum()) * EDGES;
+        }
+        total / self.count as f64
     }
+}
+
+/// Tones of logarithms.
+fn tone(log: Tensor<1>) -> Tensor<1> {
+    let size = log.clone().abs();
+    let radiance = size.clone().clamp_max(BRIGHT).exp() - 1.0;
+    log.sign() * ((radiance * DARK).log1p() + (size - BRIGHT).clamp_min(0.0))
 }
 
 #[cfg(test)]

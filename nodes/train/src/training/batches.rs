@@ -2,7 +2,10 @@
 
 use crate::{
     model::Model,
-    network::features::{Encoding, Sample},
+    network::{
+        features::{Encoding, Sample},
+        head::Shown,
+    },
     parameterization::ParameterizationMaths as _,
     rollout::{Course, rollout},
 };
@@ -49,6 +52,34 @@ struct Pick {
     told: bool,
     /// Whether the target leaves out the samples of the input.
     apart: bool,
+    /// Where the state is that of a different rung; none if all of it is of `rung`.
+    tiles: Option<Tiles>,
+}
+
+/// Square tiles of two rungs, like a chessboard: an image of uneven sample counts.
+#[derive(Clone, Copy, Debug)]
+struct Tiles {
+    /// The rung of every second tile.
+    rung: usize,
+    /// Pixels of a tile's side.
+    side: usize,
+    /// Where the first tile begins, left of and above the window.
+    offset: [usize; 2],
+}
+
+/// The smallest and the largest side of tiles, in pixels.
+const TILES: [usize; 2] = [8, 32];
+
+impl Tiles {
+    fn draw(stream: &mut Stream, rungs: usize) -> Self {
+        let side = TILES[0] + stream.below(TILES[1] - TILES[0] + 1);
+        Self { rung: stream.below(rungs), side, offset: [0, 1].map(|_| stream.below(2 * side)) }
+    }
+
+    /// Whether a pixel of the window is in a tile of the different rung.
+    fn has(&self, x: usize, y: usize) -> bool {
+        ((x + self.offset[0]) / self.side + (y + self.offset[1]) / self.side) % 2 == 1
+    }
 }
 
 /// Test scenes whose gain is watched during training.
@@ -182,10 +213,13 @@ impl DataSet {
     pub(crate) fn draw(&self, encoding: &Encoding, draw: &Draw, step: u64) -> Batch {
         let mut stream = Stream::new(draw.seed, &[step]).part("batch");
         let mut untold = Stream::new(draw.seed, &[step]).part("unknown counts");
+        let mut uneven = Stream::new(draw.seed, &[step]).part("uneven counts");
         let shares = draw.shares(&self.counts[..self.counts.len() - 1]);
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
                 let told = untold.uniform() >= draw.unknown_counts;
+                let tiled = uneven.uniform() < draw.uneven_counts;
+                let tiles = Tiles::draw(&mut uneven, self.counts.len() - 1);
                 let scene = stream.below(self.scenes.len());
                 let (width, height) = size(&self.scenes[scene]);
                 let other = (scene + 1 + stream.below(self.scenes.len().max(2) - 1)) % self.scenes.len();
@@ -207,6 +241,7 @@ impl DataSet {
                     colours: if draw.permute_colours { stream.below(COLOURS.len()) } else { 0 },
                     told,
                     apart: draw.independent_targets && !told,
+                    tiles: (tiled && !told).then_some(tiles),
                 }
             })
             .collect();
@@ -229,8 +264,8 @@ impl DataSet {
                 let t = (rung as f64 + shift) / rungs as f64;
                 let (width, height) = size(&self.scenes[scene]);
                 let (left, top) = (middle(width), middle(height));
-                let (turn, scale, colours) = (0, 1.0, 0);
-                Pick { scene, target: scene, rung, t, left, top, turn, scale, colours, told: true, apart: false }
+                let (turn, scale, colours, told, apart, tiles) = (0, 1.0, 0, true, false, None);
+                Pick { scene, target: scene, rung, t, left, top, turn, scale, colours, told, apart, tiles }
             })
             .collect();
         let batches: Vec<Vec<Pick>> = picks.chunks(batch).map(<[Pick]>::to_vec).collect();
@@ -262,9 +297,13 @@ impl DataSet {
             let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
             let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
-            let pairs = rung(lesson.from).zip(rung(lesson.to));
-            let [from_count, to_count] = [lesson.from, lesson.to].map(|i| self.counts[i] as f32);
-            let pixels = pairs.map(|(from, to)| {
+            let to_count = self.counts[lesson.to] as f32;
+            let second = pick.tiles.map_or(lesson.from, |tiles| tiles.rung);
+            let triples = rung(lesson.from).zip(rung(second)).zip(rung(lesson.to)).enumerate();
+            let pixels = triples.map(|(i, ((first, second_state), to))| {
+                let tiled = pick.tiles.is_some_and(|tiles| tiles.has(i % side, i / side));
+                let (from, at) = if tiled { (second_state, second) } else { (first, lesson.from) };
+                let from_count = self.counts[at] as f32;
                 let to = match pick.apart {
                     true => [0, 1, 2].map(|c| others((from[c], from_count), (to[c], to_count))),
                     false => to,
@@ -315,6 +354,8 @@ pub(crate) struct Draw {
     pub(crate) unknown_counts: f64,
     /// Whether their targets leave out the samples of the input.
     pub(crate) independent_targets: bool,
+    /// Share of them that have tiles of two sample counts.
+    pub(crate) uneven_counts: f64,
 }
 
 impl Draw {
@@ -329,6 +370,7 @@ impl Draw {
         rung_exponent: 0.0,
         unknown_counts: 0.0,
         independent_targets: false,
+        uneven_counts: 0.0,
     };
 
     /// Running sums of what rungs with these sample counts are drawn in proportion to; none if all are alike.
@@ -361,6 +403,11 @@ impl Batch {
             }
         };
         (0..count).map(part).collect()
+    }
+
+    /// The states as images.
+    pub(crate) fn shown(&self) -> Shown {
+        Shown { state: Arc::new(self.states.concat()), side: self.side }
     }
 
     /// The examples as the network's samples.

@@ -76,6 +76,9 @@ pub struct TrainingParams {
     /// Where the network is not told the sample count, take the target from the samples of the last rung that the
     /// input does not contain. Otherwise the network keeps some noise of inputs with many samples.
     pub independent_targets: bool,
+    /// Share of these examples that have tiles of two sample counts, as adaptive sampling gives.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub uneven_counts: f64,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
     pub test_every: u64,
@@ -113,6 +116,7 @@ impl Default for TrainingParams {
             law: Law::default(),
             unknown_counts: 0.0,
             independent_targets: false,
+            uneven_counts: 0.0,
             test_every: 250,
             checkpoint_every: 500,
             device: NetworkDevice::Cpu,
@@ -128,6 +132,7 @@ pub(super) const LATER: &[Later] = &[
     Later { pointer: "/law", before: Before::Text("limits") },
     Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
     Later { pointer: "/independent_targets", before: Before::Flag(false) },
+    Later { pointer: "/uneven_counts", before: Before::Number(0.0) },
     ON_THE_CPU,
 ];
 
@@ -166,9 +171,24 @@ impl TrainingParams {
                 "leave it at 0, or use `mc_noise`",
             ));
         }
+        if self.loss == Loss::Tonal && (self.parameterization, self.space) != (Parameterization::McNoise, Space::Log1p)
+        {
+            problems.push(ParamProblem::new(
+                "/loss",
+                "`tonal` compares clean images in logarithms, which only `mc_noise` with `space: log1p` predicts",
+                "use `absolute`, or `mc_noise` and `log1p`",
+            ));
+        }
         if self.independent_targets && self.unknown_counts == 0.0 {
             problems.push(ParamProblem::new(
                 "/independent_targets",
+                "it changes only examples without a sample count, and `unknown_counts` is 0",
+                "raise `unknown_counts`, or leave it out",
+            ));
+        }
+        if self.uneven_counts != 0.0 && self.unknown_counts == 0.0 {
+            problems.push(ParamProblem::new(
+                "/uneven_counts",
                 "it changes only examples without a sample count, and `unknown_counts` is 0",
                 "raise `unknown_counts`, or leave it out",
             ));
@@ -203,6 +223,8 @@ mod tests {
             ("rung_exponent/maximum", 4.0),
             ("unknown_counts/minimum", 0.0),
             ("unknown_counts/maximum", 1.0),
+            ("uneven_counts/minimum", 0.0),
+            ("uneven_counts/maximum", 1.0),
             ("test_every/minimum", 1.0),
             ("checkpoint_every/minimum", 1.0),
         ] {
@@ -222,5 +244,10 @@ mod tests {
         assert!(untold.problems().is_empty());
         let velocity = TrainingParams { parameterization: Parameterization::McVelocity, ..untold };
         assert_eq!(velocity.problems()[0].pointer, "/unknown_counts");
+        let tonal = TrainingParams { loss: Loss::Tonal, space: Space::Log1p, ..TrainingParams::default() };
+        let of = |parameterization| TrainingParams { parameterization, ..tonal.clone() }.problems();
+        assert!(of(Parameterization::McNoise).is_empty());
+        assert_eq!(of(Parameterization::LocalVelocity)[0].pointer, "/loss");
+        assert_eq!(TrainingParams { space: Space::Linear, ..tonal.clone() }.problems()[0].pointer, "/loss");
     }
 }

@@ -113,7 +113,8 @@ impl Trainer {
 
     fn loss(&self, batch: &Batch, weights: &[Tensor<2>], device: &Device, count: usize) -> Tensor<1> {
         let inputs = self.encoding.inputs(device, &batch.samples(), batch.side, batch.side);
-        mean_loss(self.network.forward(weights, inputs), batch.targets.clone(), count, self.loss)
+        let shown = (self.loss == Loss::Tonal).then(|| batch.shown());
+        mean_loss(self.network.forward(weights, inputs), (batch.targets.clone(), shown), count, self.loss)
     }
 }
 

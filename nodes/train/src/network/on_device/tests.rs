@@ -89,9 +89,10 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     }
     let shades = numbers(2, 300).iter().map(|v| 100.0 * v * v * v).collect();
     all.push(("Shade".into(), difference(Shade, [numbers(1, 300), shades], device)));
-    for loss in [Loss::Squared, Loss::Absolute] {
-        let loss = MeanLoss { target: Arc::new(numbers(8, 700)), count: 900, loss };
-        all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 700)], device)));
+    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal] {
+        let shown = (loss == Loss::Tonal).then(|| Shown { state: Arc::new(numbers(10, 2 * 8 * 8 * 3)), side: 8 });
+        let loss = MeanLoss { target: Arc::new(numbers(8, 2 * 8 * 8 * 3)), count: 900, loss, shown };
+        all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 2 * 8 * 8 * 3)], device)));
     }
     all
 }
@@ -145,7 +146,7 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
         .collect();
     let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE));
     let target = Arc::new(numbers(5, 2 * SIDE * SIDE * 3));
-    let found = mean_loss(output.clone(), target.clone(), target.len(), Loss::Squared).backward();
+    let found = mean_loss(output.clone(), (target.clone(), None), target.len(), Loss::Squared).backward();
     let gradients = weights.iter().map(|weight| values(flat(weight.grad(&found).expect("every weight is used"))));
     std::iter::once(values(flat(output))).chain(gradients.collect::<Vec<_>>()).collect()
 }

@@ -145,6 +145,38 @@ fn targets_without_a_count_are_the_other_samples_of_the_last_rung() {
 }
 
 #[test]
+fn uneven_examples_have_tiles_of_two_rungs_and_targets_of_each_pixels_own() {
+    let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
+    let even = Draw { unknown_counts: 0.5, independent_targets: true, batch: 50, ..PLAIN };
+    let (mut mixed, mut rungs) = (0, BTreeSet::new());
+    for step in 0..8 {
+        let [before, after] = [0.0, 1.0].map(|uneven_counts| {
+            let draw = Draw { uneven_counts, ..even };
+            set.draw(&encoding, &draw, step)
+        });
+        assert_eq!(before.tau, after.tau);
+        for (i, tau) in after.tau.iter().enumerate() {
+            let (state, target) = (&after.states[i], &after.targets[i * 192..(i + 1) * 192]);
+            if tau.is_some() {
+                assert!(*state == before.states[i] && *target == before.targets[i * 192..(i + 1) * 192]);
+                continue;
+            }
+            let own: Vec<usize> = state.iter().map(|value| *value as usize % 10_000 / 1000).collect();
+            for (rung, target) in own.iter().zip(target) {
+                let (n, last) = (COUNTS[*rung] as f32, COUNTS[2] as f32);
+                let expected = (*rung as f32 - 2.0) * 1000.0 * last / (last - n);
+                assert!((target - expected).abs() < 1.0, "{rung}: {target} {expected}");
+            }
+            rungs.extend(own.iter().copied());
+            mixed += usize::from(own.iter().any(|rung| *rung != own[0]));
+        }
+    }
+    // Tiles are as large as the window, or larger, and half of the pairs of rungs are pairs of one.
+    assert!(mixed > 20, "{mixed}");
+    assert_eq!(rungs, BTreeSet::from([0, 1]));
+}
+
+#[test]
 fn shuffled_targets_come_from_another_scene() {
     // From rung to rung scene s rises by 1000 (s + 1), so that a target tells whose it is, and a state by 100,000 s.
     let packed = |scene: usize| {
@@ -186,6 +218,7 @@ const UNTURNED: Pick = Pick {
     colours: 0,
     told: true,
     apart: false,
+    tiles: None,
 };
 
 #[test]
