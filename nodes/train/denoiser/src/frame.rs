@@ -68,7 +68,9 @@ impl Frame {
     /// If it has another size or number of channels, or no pixel is finite.
     pub fn with_gbuffer(mut self, gbuffer: Image) -> Result<Self, KindError> {
         shape(&gbuffer, "the G-buffer", 6, Some(&self.radiance))?;
-        self.features = Some(Features::Together(mended(gbuffer, "the G-buffer", &mut self.notes)?));
+        let mut gbuffer = mended(gbuffer, "the G-buffer", &mut self.notes)?;
+        close_black_background(&self.radiance, gbuffer.data_mut(), 6);
+        self.features = Some(Features::Together(gbuffer));
         Ok(self)
     }
 
@@ -76,12 +78,13 @@ impl Frame {
     ///
     /// # Errors
     /// As [`Frame::with_gbuffer`].
-    pub fn with_features(mut self, albedo: Image, normal: Image) -> Result<Self, KindError> {
+    pub fn with_features(mut self, albedo: Image, mut normal: Image) -> Result<Self, KindError> {
         shape(&albedo, "the albedo", 3, Some(&self.radiance))?;
         shape(&normal, "the normal", 3, Some(&self.radiance))?;
         if [&albedo, &normal].iter().any(|image| image.data().iter().any(|value| !value.is_finite())) {
             return self.with_gbuffer(beside(&albedo, &normal));
         }
+        close_black_background(&self.radiance, normal.data_mut(), 3);
         self.features = Some(Features::Apart(albedo, normal));
         Ok(self)
     }
@@ -119,6 +122,24 @@ impl Frame {
     /// What was mended, for people.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+}
+
+/// Turns a background without any light into a black surface that faces the camera.
+///
+/// The models count pixels without a surface as white, for the sky. In front of a black background, edges of objects
+/// would be too bright. The last three values of each pixel of `features`, of `channels` values, are the normal.
+fn close_black_background(radiance: &Image, features: &mut [f32], channels: usize) {
+    let open = |pixel: &[f32]| pixel[channels - 3..].iter().all(|value| *value == 0.0);
+    let dark = |pixel: &[f32]| pixel.iter().all(|value| *value == 0.0);
+    let lit = radiance.data().chunks_exact(3).zip(features.chunks_exact(channels));
+    let mut background = lit.filter(|(_, features)| open(features)).map(|(radiance, _)| dark(radiance)).peekable();
+    if background.peek().is_none() || !background.all(|dark| dark) {
+        return;
+    }
+    for pixel in features.chunks_exact_mut(channels) {
+        let length = pixel[channels - 3..].iter().map(|n| n * n).sum::<f32>().min(1.0).sqrt();
+        pixel[channels - 1] += 1.0 - length;
     }
 }
 
@@ -203,6 +224,28 @@ mod tests {
         assert_eq!(frame.radiance().pixel(1, 1), damaged.pixel(1, 1));
         assert!(frame.notes()[0].starts_with("2 of 12 pixels of radiance"), "{:?}", frame.notes());
         assert!(Frame::new(image(3, f32::NAN)).expect_err("none is").to_string().contains("no finite pixel"));
+    }
+
+    #[test]
+    fn a_black_background_is_a_surface_and_a_sky_is_none() {
+        // A background, a pixel that is half of it, and a surface.
+        let mut normal = image(3, 0.0);
+        normal.pixel_mut(1, 0)[0] = 0.5;
+        normal.pixel_mut(2, 0)[1] = 1.0;
+        let mut radiance = image(3, 0.0);
+        radiance.pixel_mut(2, 0).fill(1.0);
+        let normals = |radiance: &Image| {
+            let frame = Frame::new(radiance.clone()).expect("finite");
+            let apart = frame.clone().with_features(image(3, 0.0), normal.clone()).expect("fits");
+            let together = frame.with_gbuffer(image(3, 0.0).beside(&normal).expect("fits")).expect("fits");
+            let [apart, together] =
+                [apart, together].map(|frame| frame.features().expect("given").whole().into_owned());
+            assert_eq!(apart, together);
+            [0, 1, 2].map(|x| apart.pixel(x, 0)[3..].to_vec())
+        };
+        assert_eq!(normals(&radiance), [[0.0, 0.0, 1.0], [0.5, 0.0, 0.5], [0.0, 1.0, 0.0]]);
+        radiance.pixel_mut(3, 2)[0] = 0.1;
+        assert_eq!(normals(&radiance), [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     }
 
     #[test]
