@@ -161,7 +161,7 @@ fn gradients_of_the_tonal_loss() {
     let state = Arc::new(numbers(4, size));
     let target: Vec<f32> = state.iter().zip(&clean).map(|(state, clean)| state - clean).collect();
     // Differences of all pairs of neighbours have a sign, too.
-    let off = |i: usize| (if (i / 3 + i / 12) % 2 == 0 { 0.4 } else { -0.3 }) + 0.03 * (i % 7) as f32;
+    let off = |i: usize| (if (i / 3 + i / 12).is_multiple_of(2) { 0.4 } else { -0.3 }) + 0.03 * (i % 7) as f32;
     let prediction: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + off(i)).collect();
     let target = Arc::new(target);
     let shown = head::Shown { state, side };
