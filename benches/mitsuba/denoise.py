@@ -8,8 +8,8 @@ Without scenes it renders the Cornell box. Films of scene files should have a bo
 renders with other seeds. OIDN has its high quality, and prefiltered albedo and normals that it then takes as
 noise-free. `tauflow denoise` is told neither the sample count nor the exposure.
 
-Prints the mean PSNR of exposed linear radiance and of previews, and paired
-differences with 95% intervals over scenes and seeds.
+Prints the mean PSNR of exposed linear radiance, of previews, and of previews more than three pixels from lamps, and
+paired differences with 95% intervals over scenes and seeds.
 
 Needs NumPy, Mitsuba 3, pyoidn 2.5, and `tauflow` in target/release.
 """
@@ -29,6 +29,8 @@ import pyoidn
 import tauflow
 
 COUNTS = [1, 4, 16, 64]
+# Exposed radiance of lamps that are seen; mid grey is 0.18.
+LAMP = 20.0
 METHODS = ["noisy", "best, G-buffer", "OIDN, G-buffer", "best, RGB", "OIDN, RGB"]
 
 
@@ -65,9 +67,12 @@ def preview(values):
 
 
 def psnrs(image, reference, factor):
-    """HDR PSNR, with a peak of 1 as everywhere in tauflow, and preview PSNR, in dB."""
+    """In dB: HDR PSNR with a peak of 1, preview PSNR, and preview PSNR more than three pixels from lamps."""
     image, reference = factor * np.maximum(image, 0.0).astype(np.float64), factor * reference.astype(np.float64)
-    pairs = [(image, reference), (preview(image), preview(reference))]
+    lamps = np.pad(reference.max(axis=-1) > LAMP, 3)
+    far = ~np.lib.stride_tricks.sliding_window_view(lamps, (7, 7)).any(axis=(-1, -2))
+    shown, expected = preview(image), preview(reference)
+    pairs = [(image, reference), (shown, expected), (shown[far], expected[far])]
     return [-10.0 * np.log10(np.mean((a - b) ** 2)) for a, b in pairs]
 
 
@@ -125,7 +130,7 @@ def main():
                     pyoidn.denoise(noisy, hdr=True),
                 ]
                 found[count].append([psnrs(image, reference, factor) for image in images])
-    for which, name in enumerate(["HDR PSNR", "preview PSNR"]):
+    for which, name in enumerate(["HDR PSNR", "preview PSNR", "preview PSNR apart from lamps"]):
         heads = METHODS + ["difference, G-buffer", "difference, RGB"]
         print(f"\n| {name}: spp | {' | '.join(heads)} |\n|---:|{'---:|' * len(heads)}")
         for count in COUNTS:

@@ -43,7 +43,7 @@ fn opening(assets: &Assets) -> String {
     }
     let (maps, objects) = (of_sort(assets, "environment").count(), of_sort(assets, "object").count());
     let mut out = format!(
-        "<p>The scenes use {} and {} from files, and procedural ones.{}",
+        "<p>{} and {} were imported from files; all others are procedural.{}",
         plural(maps as u64, "environment map"),
         plural(objects as u64, "object"),
         if refused == 0 { String::new() } else { format!(" {} could not be imported.", plural(refused, "file")) }
@@ -61,10 +61,9 @@ fn opening(assets: &Assets) -> String {
     if let (Some(train), Some(test)) = (&assets.train, &assets.test) {
         let both = assets.reports.iter().filter(|of| train.of(&of.name) > 0 && test.of(&of.name) > 0).count() as u64;
         let unseen = assets.reports.iter().filter(|of| train.of(&of.name) == 0 && test.of(&of.name) > 0).count() as u64;
-        let _ = match both {
-            0 => write!(out, " No file is on both sides: the {} of test scenes were never trained on.", files(unseen)),
-            _ => write!(out, " {} on both sides; {} in test scenes only.", are(both), are(unseen).to_lowercase()),
-        };
+        if unseen > 0 || both > 0 {
+            let _ = write!(out, " {} in test scenes only, and {} on both sides.", are(unseen), are(both));
+        }
     }
     out + "</p>"
 }
@@ -75,10 +74,6 @@ fn has(scenes: u64) -> String {
 
 fn are(files: u64) -> String {
     if files == 1 { "1 file is".to_owned() } else { format!("{} files are", count(files)) }
-}
-
-fn files(n: u64) -> String {
-    plural(n, "file")
 }
 
 fn table(assets: &Assets) -> String {
@@ -143,17 +138,17 @@ mod tests {
         let mut assets = Assets { reports, train: uses(&[("cat.glb", 1)]), test: uses(&[("dawn.hdr", 4)]) };
         let body = section(&assets).body;
         assert!(
-            body.contains("1 environment map and 1 object from files, and procedural ones. 1 file could not"),
+            body.contains("1 environment map and 1 object were imported from files; all others are procedural. 1 file"),
             "{body}"
         );
         assert!(body.contains("Of 12 training scenes, 1 has an object from a file, and 4 have an environment map."));
-        assert!(body.contains("No file is on both sides: the 1 file of test scenes"), "{body}");
+        assert!(body.contains("1 file is in test scenes only, and 0 files are on both sides."), "{body}");
         assert!(body.contains("refused: torn.glb: ends early"));
         let rows = csv(&assets);
         assert_eq!(rows.lines().nth(1), Some("cat.glb,object,true,1,0,"));
         assert_eq!(rows.lines().nth(3), Some("torn.glb,object,false,0,0,torn.glb: ends early"));
         assets.train = uses(&[("cat.glb", 1), ("dawn.hdr", 2)]);
-        assert!(section(&assets).body.contains("1 file is on both sides; 0 files are in test scenes only."));
+        assert!(section(&assets).body.contains("0 files are in test scenes only, and 1 file is on both sides."));
         (assets.train, assets.test) = (None, None);
         assert!(!section(&assets).body.contains("Training scenes"));
     }
