@@ -11,7 +11,7 @@ use crate::{
     Key,
     codec::{Fields, Put},
     error::{At, CacheError},
-    layout::{Layout, open_plain},
+    layout::{Layout, open_lock, open_plain},
     network,
 };
 use std::{
@@ -26,6 +26,8 @@ use std::{
 
 /// Bytes of a lease that are read at once; more than any note has.
 const CHUNK: u64 = 1 << 20;
+/// How often a lease is made anew after a gc swept it away, before gcs are kept waiting.
+const SWEPT: u32 = 3;
 
 /// One note of a lease.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -130,6 +132,15 @@ impl Lease {
         let path = layout.lease(&layout.owner);
         let mut tries = 0;
         loop {
+            // A gc may sweep the temporary file away before it is locked. If that happens again and again, no gc goes
+            // on during the next try.
+            let pause = (tries > SWEPT).then(|| open_lock(&layout.gc_lock())).transpose()?;
+            if let Some(lock) = &pause
+                && let Err(error) = lock.lock()
+                && !network::has_no_locks(&error)
+            {
+                return Err(error).at("wait for the lock", &layout.gc_lock());
+            }
             let tmp = layout.tmp();
             let made = File::create_new(&tmp).and_then(|file| {
                 let lockless = match file.lock() {
@@ -144,8 +155,7 @@ impl Lease {
             }
             match made {
                 Ok((file, lockless)) => return Ok(Self { path, file, lockless, notes: Mutex::default() }),
-                // A gc swept the unlocked temporary file away; once more.
-                Err(error) if error.kind() == io::ErrorKind::NotFound && tries < 10 => tries += 1,
+                Err(error) if error.kind() == io::ErrorKind::NotFound && tries <= SWEPT => tries += 1,
                 Err(error) => return Err(error).at("create the lease", &path),
             }
         }

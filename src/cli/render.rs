@@ -52,7 +52,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "NAME", default_value = "independent", value_parser = ["independent", "sobol"])]
     sampler: String,
     /// How radiance is estimated: by paths from the camera, or also by paths from the lights, which find caustics.
-    #[arg(long, value_name = "NAME", default_value = "path", value_parser = ["path", "path_and_light"])]
+    #[arg(long, value_name = "NAME", default_value = "path", value_parser = ["path", "bidirectional"])]
     integrator: String,
     /// Add the layers `albedo` (R, G, B) and `normal` (X, Y, Z), which `refine` reads.
     #[arg(long)]
@@ -88,7 +88,7 @@ impl RenderArgs {
     }
 
     fn integrator(&self) -> IntegratorKind {
-        if self.integrator == "path_and_light" { IntegratorKind::PathAndLight } else { IntegratorKind::Path }
+        if self.integrator == "bidirectional" { IntegratorKind::Bidirectional } else { IntegratorKind::Path }
     }
 
     /// Checks for conflicting options before anything is rendered.

@@ -69,7 +69,7 @@ fn samplers_and_integrators_are_chosen() {
     let plain = image(&[]);
     assert_ne!(image(&["--sampler", "sobol"]), plain);
     // Without anything specular light paths find nothing.
-    assert_eq!(image(&["--integrator", "path_and_light"]), plain);
+    assert_eq!(image(&["--integrator", "bidirectional"]), plain);
     render(&place, &["--integrator", "photons", "-o", "x.exr"]).ends(2);
 }
 

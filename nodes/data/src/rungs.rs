@@ -208,9 +208,9 @@ pub enum IntegratorKind {
     /// Paths from the camera.
     #[default]
     Path,
-    /// Paths from the camera, and paths from the lights that find caustics: less error where glass and mirrors gather
-    /// light, in more time per sample.
-    PathAndLight,
+    /// Paths from the camera, and paths from the lights: less error in caustics and near lamps, in more time a sample.
+    #[serde(alias = "path_and_light")] // in records of a version whose light paths found caustics only
+    Bidirectional,
 }
 
 impl IntegratorKind {

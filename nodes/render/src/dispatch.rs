@@ -39,7 +39,7 @@ pub(crate) struct Kernels {
     nearest: SweepKernel,
     stopped: SweepKernel,
     meet_packets: StreamKernel,
-    miss: StreamKernel,
+    miss: GroupKernel,
     vertices: GroupKernel,
     emit: GroupKernel,
     textures: GroupKernel,
@@ -79,8 +79,8 @@ impl Kernels {
         unsafe { (self.meet_packets)(stream) }
     }
 
-    pub(crate) fn miss(&self, stream: &mut Stream<'_>) {
-        unsafe { (self.miss)(stream) }
+    pub(crate) fn miss(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.miss)(stream, group) }
     }
 
     pub(crate) fn vertices(&self, stream: &mut Stream<'_>, group: &Group) {
@@ -153,7 +153,7 @@ macro_rules! kernels {
             kernels!(@sweep nearest, false, $wide, $ray $(, $feature)?);
             kernels!(@sweep stopped, true, $wide, $ray $(, $feature)?);
             kernels!(@stream meet_packets, meet_packets::<$wide, $ray> $(, $feature)?);
-            kernels!(@stream miss, miss::<$wide> $(, $feature)?);
+            kernels!(@group miss, miss::<$wide> $(, $feature)?);
             kernels!(@group vertices, vertices::<$wide> $(, $feature)?);
             kernels!(@group emit, emit::<$wide> $(, $feature)?);
             kernels!(@group textures, textures::<$wide> $(, $feature)?);

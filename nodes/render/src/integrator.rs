@@ -4,7 +4,7 @@ mod light;
 mod passage;
 mod path;
 
-pub(crate) use light::{LightPaths, Which};
+pub(crate) use light::{LightPaths, Plan, Which};
 
 pub(crate) use passage::{Dimmed, PASSAGES, Passage, first_solid, met};
 pub(crate) use path::dimension;
@@ -17,8 +17,8 @@ use tauflow_data::IntegratorKind;
 pub enum Integrator {
     /// Path tracing from the camera.
     Path(Path),
-    /// Path tracing from the camera, joined with paths from the lights that find caustics.
-    PathAndLight(Path),
+    /// Path tracing from the camera, joined with paths from the lights.
+    Bidirectional(Path),
     /// Paths from the lights alone. They do not find what is seen in mirrors and glass.
     LightTracing,
 }
@@ -28,9 +28,10 @@ impl Integrator {
     pub(crate) fn parts(self, max_depth: u32) -> (Path, u32, Option<Which>) {
         match self {
             Self::Path(path) => (path, max_depth, None),
-            Self::PathAndLight(path) => (path, max_depth, Some(Which::Caustics)),
+            // Weights are against both ways of finding light.
+            Self::Bidirectional(path) => (Path { strategy: Strategy::Mis, ..path }, max_depth, Some(Which::Joined)),
             // What shines into the camera itself.
-            Self::LightTracing => (Path::default(), max_depth.min(1), Some(Which::All)),
+            Self::LightTracing => (Path::default(), max_depth.min(1), Some(Which::Alone)),
         }
     }
 }
@@ -39,7 +40,7 @@ impl From<IntegratorKind> for Integrator {
     fn from(kind: IntegratorKind) -> Self {
         match kind {
             IntegratorKind::Path => Self::Path(Path::default()),
-            IntegratorKind::PathAndLight => Self::PathAndLight(Path::default()),
+            IntegratorKind::Bidirectional => Self::Bidirectional(Path::default()),
         }
     }
 }

@@ -5,6 +5,7 @@
 //! picks by power, with half of the probability spread evenly. Shapes are sampled evenly over their area, spheres over
 //! the cone that they fill. Lights that emit nothing are dropped.
 
+mod aims;
 mod choice;
 mod delta;
 mod emission;
@@ -19,8 +20,10 @@ use crate::{
     texture::{LoadBitmap, Texture},
     world::World,
 };
+pub(crate) use aims::Aims;
 pub(crate) use choice::Choice;
 use delta::Spot;
+pub(crate) use emission::Emitted;
 use glam::{DVec3, Vec3};
 pub(crate) use shape::ShapeLight;
 use std::{collections::BTreeMap, sync::Arc};
@@ -80,6 +83,8 @@ pub(crate) struct Arrivals<R: Real> {
     pub(crate) weight: Triple<R>,
     /// Density over solid angle; 0 for lights that nothing else can find.
     pub(crate) pdf: R,
+    /// Density with which light paths are emitted this way, if there are any.
+    pub(crate) emits: R,
     /// Lanes where light may arrive.
     pub(crate) valid: R::Mask,
 }
@@ -92,6 +97,7 @@ pub(crate) struct Arrived<R: Real> {
     pub(crate) t_max: R,
     pub(crate) weight: Triple<R>,
     pub(crate) pdf: R,
+    pub(crate) emits: R,
     pub(crate) valid: R::Mask,
 }
 
@@ -341,6 +347,7 @@ impl Lights {
         &self,
         world: &World,
         from: &Vantage<R>,
+        aims: Option<&Aims>,
         mask: R::Mask,
         numbers: [Pair<R>; 4],
     ) -> Arrived<R> {
@@ -370,7 +377,7 @@ impl Lights {
             let light = indices[rest.bits().trailing_zeros() as usize & 15];
             let own = rest & R::same(chosen, R::Integer::splat(light as i32));
             rest = rest & !own;
-            arrived.take(own, probability, self.sample_one(light as usize, world, from, numbers));
+            arrived.take(own, probability, self.sample_one(light as usize, world, from, aims, numbers));
         }
         arrived
     }
@@ -381,10 +388,17 @@ impl Lights {
         light: usize,
         world: &World,
         from: &Vantage<R>,
+        aims: Option<&Aims>,
         [a, b, c, point]: [Pair<R>; 4],
     ) -> Arrivals<R> {
         match &self.lights[light] {
-            Light::Shape(shape) => shape.sample(world, from, [a.y, b.x], point),
+            Light::Shape(shape) => {
+                let (mut arrivals, found) = shape.sample(world, from, [a.y, b.x], point);
+                if let Some(aims) = aims {
+                    arrivals.emits = aims.from_shape(self, light as u32, found.p, found.normal, -arrivals.direction);
+                }
+                arrivals
+            }
             Light::Environment => {
                 let numbers = [Pair::new(a.y, b.y), Pair::new(b.x, c.x), point];
                 let Some((environment, _)) = &self.environment else {
@@ -392,7 +406,12 @@ impl Lights {
                     return from.endless(none, none, R::zero(), R::Mask::from_bits(0));
                 };
                 let (direction, radiance, pdf) = environment.sample_lanes(numbers);
-                from.endless(direction, radiance * (R::one() / pdf), pdf, pdf.positive() & radiance.some())
+                let weight = radiance * (R::one() / pdf);
+                let mut arrivals = from.endless(direction, weight, pdf, pdf.positive() & radiance.some());
+                if let Some(aims) = aims {
+                    arrivals.emits = aims.from_sky(self, emission::of_sky(pdf), from.p, direction);
+                }
+                arrivals
             }
             Light::Point { position, intensity } => from.lone(*position, Triple::splat(*intensity)),
             Light::Spot(spot) => {
@@ -411,7 +430,7 @@ impl<R: Real> Vantage<R> {
     #[inline(always)]
     fn endless(&self, direction: Triple<R>, weight: Triple<R>, pdf: R, valid: R::Mask) -> Arrivals<R> {
         let origin = offset_origins(self.p, self.error, self.normal, direction);
-        Arrivals { direction, origin, ray: direction, t_max: f32::MAX, weight, pdf, valid }
+        Arrivals { direction, origin, ray: direction, t_max: f32::MAX, weight, pdf, emits: R::zero(), valid }
     }
 
     /// Light from a point without extent.
@@ -424,7 +443,7 @@ impl<R: Real> Vantage<R> {
         let origin = offset_origins(self.p, self.error, self.normal, direction);
         let weight = intensity * (R::one() / square);
         let valid = square.positive() & square.finite() & weight.some();
-        Arrivals { direction, origin, ray: end - origin, t_max: 1.0, weight, pdf: R::zero(), valid }
+        Arrivals { direction, origin, ray: end - origin, t_max: 1.0, weight, pdf: R::zero(), emits: R::zero(), valid }
     }
 }
 
@@ -438,6 +457,7 @@ impl<R: Real> Arrived<R> {
             t_max: R::zero(),
             weight: Triple::zero(),
             pdf: R::zero(),
+            emits: R::zero(),
             valid: R::Mask::from_bits(0),
         }
     }
@@ -451,6 +471,7 @@ impl<R: Real> Arrived<R> {
         self.t_max = R::select(own, R::splat(from.t_max), self.t_max);
         self.weight = Triple::select(own, from.weight * (R::one() / probability), self.weight);
         self.pdf = R::select(own, from.pdf * probability, self.pdf);
+        self.emits = R::select(own, from.emits, self.emits);
         self.valid = self.valid | (own & from.valid);
     }
 }

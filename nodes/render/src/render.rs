@@ -5,7 +5,7 @@ use crate::{
     camera::Camera,
     dispatch::kernels,
     gbuffer::GBufferSurface,
-    integrator::{Integrator, LightPaths, Which},
+    integrator::{Integrator, LightPaths, Plan, Which},
     rng::{FILM, Sampler, render_state},
     stream::{Batch, trace},
     until::{self, Until, relative_error},
@@ -13,6 +13,7 @@ use crate::{
 };
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 use tauflow_contract::KindError;
 use tauflow_data::{Image, IntegratorKind, Resolution, SamplerKind, records::GBuffer, scene::Scene};
 use tauflow_instructions::Instructions;
@@ -35,6 +36,7 @@ pub struct Renderer<'a> {
     stream: u64,
     sampler: SamplerKind,
     integrator: Integrator,
+    plan: OnceLock<Option<Plan>>,
     instructions: Instructions,
 }
 
@@ -54,6 +56,7 @@ impl<'a> Renderer<'a> {
             stream,
             sampler: SamplerKind::Independent,
             integrator: Integrator::default(),
+            plan: OnceLock::new(),
             instructions: Instructions::best(),
         })
     }
@@ -67,6 +70,7 @@ impl<'a> Renderer<'a> {
     /// The same, with another integrator.
     pub fn with_integrator(mut self, integrator: impl Into<Integrator>) -> Self {
         self.integrator = integrator.into();
+        self.plan = OnceLock::new();
         self
     }
 
@@ -142,8 +146,9 @@ impl<'a> Renderer<'a> {
         let (path, depth, which) = self.integrator.parts(self.world.max_depth);
         let (state, sampler) = (render_state(self.world.seed, self.stream), self.sampler);
         let from = accumulator.count;
-        let splats = which.map(|which| self.light_paths(which).trace(from..until));
-        let light_paths = (which == Some(Which::Caustics)).then_some((self.width * self.height) as f32);
+        let plan = which.and_then(|which| self.plan(which).map(|plan| (which, plan)));
+        let splats = plan.map(|(which, plan)| self.light_paths(which, plan).trace(from..until));
+        let light_paths = plan.filter(|(which, _)| *which == Which::Joined).map(|(_, plan)| plan);
         let together = (until - from).min(TOGETHER);
         // Enough tiles for every thread, if the film is small and the samples are few.
         let spread = accumulator.pixels.len().div_ceil(4 * rayon::current_num_threads());
@@ -187,9 +192,15 @@ impl<'a> Renderer<'a> {
         accumulator.count = until;
     }
 
-    fn light_paths(&self, which: Which) -> LightPaths<'_> {
+    /// How light paths are traced, worked out once.
+    fn plan(&self, which: Which) -> Option<&Plan> {
+        let plan = || Plan::new(which, self.world, &self.camera, self.size());
+        self.plan.get_or_init(plan).as_ref()
+    }
+
+    fn light_paths<'b>(&'b self, which: Which, plan: &'b Plan) -> LightPaths<'b> {
         let (size, stream, sampler) = ((self.width, self.height), self.stream, self.sampler);
-        LightPaths { world: self.world, camera: &self.camera, size, stream, sampler, which }
+        LightPaths { world: self.world, camera: &self.camera, size, stream, sampler, which, plan }
     }
 }
 

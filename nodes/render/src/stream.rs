@@ -15,7 +15,7 @@ use crate::{
     camera::Camera,
     dispatch::Kernels,
     geometry::Ray,
-    integrator::Path,
+    integrator::{Path, Plan},
     lanes::{Mask, Pair, Real, Triple},
     rng::{Sampler, draw},
     world::World,
@@ -38,9 +38,8 @@ pub(crate) struct Batch<'a> {
     pub(crate) path: Path,
     /// Longest path in segments.
     pub(crate) depth: u32,
-    /// As many light paths as there are for each sample index that find caustics, too; none where paths from the camera
-    /// are alone.
-    pub(crate) light_paths: Option<f32>,
+    /// Light paths that find caustics, too; none where paths from the camera are alone.
+    pub(crate) light_paths: Option<&'a Plan>,
     /// How all of them draw.
     pub(crate) sampler: SamplerKind,
     /// Pixels and the numbers of their samples.
@@ -149,7 +148,8 @@ impl Stream<'_> {
         let world = self.batch.world;
         let hidden = depth == 0 && world.features.hidden_emitters;
         if world.lights.environment().is_some() && !hidden && self.scratch.starts[1] > 0 {
-            kernels.miss(self);
+            let group = Group { index: 0, from: 0, end: self.scratch.starts[1] as usize, depth };
+            kernels.miss(self, &group);
         }
     }
 

@@ -18,7 +18,7 @@ const SIDE: usize = 24;
 const BLOCK: usize = 8;
 
 fn joined() -> Integrator {
-    Integrator::PathAndLight(Path::default())
+    Integrator::Bidirectional(Path::default())
 }
 
 fn world(built: &Built) -> World {
@@ -168,8 +168,36 @@ fn caustics(lamp: f64, radiance: f32, mirrored: bool) -> Built {
     built
 }
 
+/// A closed room with a ball of glass, walls of several kinds, and a lamp of this half width: caustics light its walls.
+fn room_of_glass(lamp: f64, radiance: f32) -> Built {
+    let mut built = room();
+    let glass = built.material(Bsdf::Dielectric {
+        int_ior: 1.5,
+        ext_ior: 1.0,
+        alpha: 0.0,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::scalar(1.0),
+    });
+    let coated = |alpha: f32| Bsdf::Plastic {
+        diffuse_reflectance: Texture::rgb([0.6, 0.5, 0.3]),
+        int_ior: 1.5,
+        ext_ior: 1.0,
+        alpha,
+    };
+    let (smooth, rough) = (built.material(coated(0.0)), built.material(coated(0.2)));
+    let shapes = built.scene.shapes.len();
+    built.scene.shapes[2].material = rough;
+    built.scene.shapes[shapes - 3].material = smooth;
+    built.scene.shapes[shapes - 2].material = glass;
+    let place = level(lamp, [0.1, 1.99, 0.1], false);
+    built.scene.shapes[shapes - 1].to_world = place;
+    built.scene.shapes[shapes - 1].emission = Some(Texture::scalar(radiance));
+    built
+}
+
 #[test]
 fn caustics_are_found_from_both_ends() {
+    agree("a room", &room_of_glass(0.35, 9.0), Integrator::default(), joined(), 4096);
     agree("a wide lamp", &caustics(0.5, 6.0, true), Integrator::default(), joined(), 2048);
     let mut sky = caustics(0.5, 6.0, true);
     sky.scene.emitters.push(Emitter::Constant { radiance: [0.5, 0.7, 1.0] });

@@ -281,7 +281,7 @@ fn params_that_came_later_leave_keys_as_they_were() {
     let before = json!({ "rungs": [1, 2], "resolution": [16, 12], "stream": 0, "sampler": "independent" });
     assert_eq!(keyed(json!({})), before);
     assert_eq!(keyed(json!({ "integrator": "path", "until": null })), before);
-    assert_eq!(keyed(json!({ "integrator": "path_and_light" }))["integrator"], "path_and_light");
+    assert_eq!(keyed(json!({ "integrator": "bidirectional" }))["integrator"], "bidirectional");
     let until = |paths: u64| json!({ "until": { "relative_error": 0.1, "at_most": 64, "paths": paths } });
     assert_eq!(keyed(until(0))["until"], json!({ "relative_error": 0.1, "at_most": 64 }));
     assert_eq!(keyed(until(65536)), keyed(json!({ "until": { "relative_error": 0.1, "at_most": 64 } })));

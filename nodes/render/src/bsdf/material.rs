@@ -225,6 +225,11 @@ impl Material {
         self.smooth
     }
 
+    /// Whether it has a specular lobe.
+    pub(crate) fn has_specular(&self) -> bool {
+        self.layers.iter().any(Layer::specular)
+    }
+
     /// Its scattering at a point.
     pub fn at(&self, s: &Surface) -> Bsdf<'_> {
         Bsdf { material: self, at: s.into() }

@@ -1,36 +1,43 @@
 //! Light tracing: paths begin at the lights, and every surface that they meet sends light to the pinhole.
 //!
 //! It finds what a path from the camera hardly ever finds: light that glass and mirrors gather on a surface that
-//! scatters it. It does not find what the camera sees in glass and mirrors. So it is used in two ways:
+//! scatters it, and light of surfaces close to a lamp. It does not find what the camera sees in glass and mirrors. So
+//! it is used in two ways:
 //!
-//! - [`Which::All`]: everything, for scenes that nothing specular is in.
-//! - [`Which::Caustics`]: only light whose every vertex between the lamp and the surface that the camera sees is
-//!   specular, with one such vertex at least. A path tracer finds the same light by scattering alone, and the two are
-//!   weighed by the power heuristic (Veach 1997). Lights without extent are left out: no path from the camera finds
-//!   what glass and mirrors make of them, and all integrators have one expectation.
+//! - [`Which::Alone`]: everything, for scenes that nothing specular is in.
+//! - [`Which::Joined`]: beside a path tracer, which finds the same light by scattering and by sampling lights. All
+//!   three are weighed by the power heuristic (Veach 1997). Light that comes straight from a lamp is left to the path
+//!   tracer. So are lights without extent: no path from the camera finds what glass and mirrors make of them, and all
+//!   integrators have one expectation. Paths are aimed ([`crate::lights::Aims`]).
 //!
-//! As many light paths are traced for each sample index as the film has pixels. The contribution of a vertex is that
-//! of Veach's strategy t = 1 (*Robust Monte Carlo Methods*, section 10.3). Scattering is evaluated with the directions
-//! that a path from the camera would have, so that radiance at interfaces and shading normals agree with the path
-//! tracer (section 5.3).
+//! The contribution of a vertex is that of Veach's strategy t = 1 (*Robust Monte Carlo Methods*, section 10.3).
+//! Scattering is evaluated with the directions that a path from the camera would have, so that radiance at interfaces
+//! and shading normals agree with the path tracer (section 5.3).
 
 use super::{Dimmed, PASSAGES, dimension, first_solid};
 use crate::{
     bsdf::Material,
     camera::Camera,
     geometry::{Frame, Ray, offset_origin},
+    lights::{Aims, Emitted},
     rng::{Sampler, render_state},
     splats::{Finds, Splat, Splats},
     surface::Interaction,
     world::World,
 };
 use glam::Vec3;
-use tauflow_data::{SamplerKind, rng::mix};
+use rayon::prelude::*;
+use tauflow_data::{SamplerKind, image::luminance, rng::mix};
 
 /// Label that parts the numbers of light paths from those of paths from the camera.
 const LIGHT_PATHS: u64 = 0x6C69_6768_7470;
 /// Light paths of a task.
 const TASK: u64 = 2048;
+/// Pixels for each light path beside a path tracer.
+const PIXELS: u64 = 4;
+/// Label of the numbers of paths by which shares of pairs are learnt, and how many there are at most.
+const TRIALS: u64 = 0x7472_6961_6C73;
+const MOST_TRIALS: u64 = 1 << 14;
 /// Shadow rays towards the camera end this short of where the view begins.
 const VIEW_END: f32 = 1.0 - 1e-5;
 
@@ -38,9 +45,16 @@ const VIEW_END: f32 = 1.0 - 1e-5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Which {
     /// All.
-    All,
-    /// Those that are specular until they meet what the camera sees, weighed against a path tracer.
-    Caustics,
+    Alone,
+    /// All but those of one vertex, weighed against a path tracer.
+    Joined,
+}
+
+/// How light paths are emitted, and how many for each sample index.
+#[derive(Debug)]
+pub(crate) struct Plan {
+    pub(crate) aims: Aims,
+    pub(crate) count: u64,
 }
 
 /// A light tracer at work on a film.
@@ -51,6 +65,7 @@ pub(crate) struct LightPaths<'a> {
     pub(crate) stream: u64,
     pub(crate) sampler: SamplerKind,
     pub(crate) which: Which,
+    pub(crate) plan: &'a Plan,
 }
 
 /// Where a light path meets a surface.
@@ -66,27 +81,46 @@ struct Vertex<'a> {
 /// What of a light path is known at a vertex.
 struct Carried {
     power: Vec3,
-    /// See [`crate::lights::Lights::emits`].
+    /// Density of the emission over area and solid angle, over the cosine at the light.
     density: f32,
-    /// Whether all vertices were specular, and how many there were.
-    specular: bool,
+    /// Vertices passed, and those of them that were not specular.
     vertices: u32,
+    scattered: u32,
+    /// Of the vertices passed, the density with which a path from the camera scatters as this one came, over that with
+    /// which this one scattered, both over projected solid angle.
+    ratio: f32,
+    /// The same of a path from the camera that samples lights at the last of its vertices.
+    by_lights: f32,
+}
+
+impl Plan {
+    /// None where light paths bring nothing to the film.
+    pub(crate) fn new(which: Which, world: &World, camera: &Camera, size: (usize, usize)) -> Option<Self> {
+        let count = (size.0 * size.1) as u64;
+        if which == Which::Alone {
+            return Some(Self { aims: Aims::anywhere(&world.lights), count });
+        }
+        // A light path takes as long as two or three from the camera.
+        let first = Self { aims: Aims::towards_specular(world)?, count: count.div_ceil(PIXELS) };
+        let sampler = SamplerKind::Independent;
+        let (brought, paths) = LightPaths { world, camera, size, stream: 0, sampler, which, plan: &first }.try_out();
+        Some(Self { aims: first.aims.learnt(&brought, &paths)?, count: first.count })
+    }
 }
 
 impl LightPaths<'_> {
     /// What the samples of these indices find.
     pub(crate) fn trace(&self, samples: std::ops::Range<u64>) -> Splats {
-        let count = (self.size.0 * self.size.1) as u64;
+        let (count, pixels) = (self.plan.count, self.size.0 * self.size.1);
         let many = samples.end - samples.start;
-        let mut splats = Splats::new(count as usize, many as usize);
+        let mut splats = Splats::new(pixels, many as usize);
         let state = mix(render_state(self.world.seed, self.stream), LIGHT_PATHS);
         let tasks = count.div_ceil(TASK);
         splats.gather(many * tasks, |task| {
             let (sample, part) = (task / tasks, task % tasks);
             let mut finds = Finds::default();
             for path in part * TASK..((part + 1) * TASK).min(count) {
-                let name = ((path % self.size.0 as u64) as u32, (path / self.size.0 as u64) as u32);
-                let numbers = Sampler::new(self.sampler, state, name, samples.start + sample);
+                let numbers = self.numbers(state, path, samples.start + sample);
                 self.path(&numbers, sample as u32, &mut finds);
             }
             finds
@@ -94,15 +128,55 @@ impl LightPaths<'_> {
         splats
     }
 
-    /// One light path.
-    fn path(&self, numbers: &Sampler, sample: u32, finds: &mut Finds) {
-        let world = self.world;
-        let Some(emitted) = world.lights.emit(world, numbers) else { return };
-        if self.which == Which::Caustics && emitted.density == 0.0 {
-            return;
+    fn numbers(&self, state: u64, path: u64, sample: u64) -> Sampler {
+        let width = self.size.0 as u64;
+        Sampler::new(self.sampler, state, ((path % width) as u32, (path / width) as u32), sample)
+    }
+
+    /// By pair of a light and a ball: squares of the light that paths bring, and how many paths there were.
+    fn try_out(&self) -> (Vec<f64>, Vec<u64>) {
+        let count = (8 * (self.size.0 * self.size.1) as u64).min(MOST_TRIALS);
+        let state = mix(render_state(self.world.seed, self.stream), TRIALS);
+        let pairs = self.plan.aims.len();
+        let tasks: Vec<(Vec<f64>, Vec<u64>)> = (0..count.div_ceil(TASK))
+            .into_par_iter()
+            .map(|task| {
+                let (mut brought, mut paths) = (vec![0.0; pairs], vec![0; pairs]);
+                for path in task * TASK..((task + 1) * TASK).min(count) {
+                    let mut finds = Finds::default();
+                    let Some(pair) = self.path(&self.numbers(state, path, 0), 0, &mut finds) else { continue };
+                    let squares =
+                        finds.splats.iter().map(|splat| f64::from(luminance(&splat.light.to_array())).powi(2));
+                    brought[pair] += squares.sum::<f64>();
+                    paths[pair] += 1;
+                }
+                (brought, paths)
+            })
+            .collect();
+        let mut all = (vec![0.0; pairs], vec![0; pairs]);
+        for (brought, paths) in tasks {
+            for pair in 0..pairs {
+                all.0[pair] += brought[pair];
+                all.1[pair] += paths[pair];
+            }
         }
+        all
+    }
+
+    /// One light path; the pair of light and ball that it began with.
+    fn path(&self, numbers: &Sampler, sample: u32, finds: &mut Finds) -> Option<usize> {
+        let pair = self.world.lights.pairing(&self.plan.aims, numbers)?;
+        if let Some(emitted) = self.world.lights.emit(self.world, &self.plan.aims, &pair, numbers) {
+            self.follow(emitted, numbers, sample, finds);
+        }
+        Some(pair.number)
+    }
+
+    fn follow(&self, emitted: Emitted, numbers: &Sampler, sample: u32, finds: &mut Finds) {
+        let world = self.world;
         let mut ray = emitted.ray;
-        let mut carried = Carried { power: emitted.power, density: emitted.density, specular: true, vertices: 0 };
+        let (power, density) = (emitted.power, emitted.density);
+        let mut carried = Carried { power, density, vertices: 0, scattered: 0, ratio: 1.0, by_lights: 0.0 };
         // The last segment is that to the camera.
         for depth in 1..world.max_depth {
             finds.segments += 1;
@@ -111,11 +185,13 @@ impl LightPaths<'_> {
             let frame = world.shading_frame(&hit, world.place(hit.primitive).1, &at, -ray.direction);
             let back = -ray.direction;
             let vertex = Vertex { at, frame, material, back, mapped: material.has_normal_map() };
-            let counts = self.which == Which::All || (carried.specular && carried.vertices > 0);
+            let counts = self.which == Which::Alone || carried.vertices > 0;
             if counts && material.has_smooth() {
                 self.connect(&vertex, &carried, sample, finds);
             }
-            if depth + 1 >= world.max_depth || !self.go_on(&vertex, numbers, depth, &mut carried, &mut ray, finds) {
+            if depth + 1 >= world.max_depth
+                || !self.go_on(&vertex, &emitted, (numbers, depth), &mut carried, &mut ray, finds)
+            {
                 return;
             }
         }
@@ -142,11 +218,11 @@ impl LightPaths<'_> {
         // Light that arrives spreads over the surface as its geometric normal has it.
         let (arrives, leaves) = (at.geometric.dot(vertex.back).abs(), at.geometric.dot(out).abs());
         let pixels = (image.pixels / square) as f32 * leaves;
-        let mut light = carried.power * value * (pixels / arrives / (width * height) as f32);
-        if self.which == Which::Caustics {
-            let camera = pdf * pixels / arrives;
-            let ratio = camera / (carried.density * (width * height) as f32);
-            light *= 1.0 / (1.0 + ratio * ratio);
+        let mut light = carried.power * value * (pixels / arrives / self.plan.count as f32);
+        if self.which == Which::Joined {
+            let camera = pdf * pixels / arrives / (carried.density * self.plan.count as f32);
+            let (by_scattering, by_lights) = (camera * carried.ratio, camera * carried.by_lights);
+            light *= 1.0 / (1.0 + by_scattering * by_scattering + by_lights * by_lights);
         }
         if !light.is_finite() {
             finds.rejected += 1;
@@ -169,8 +245,8 @@ impl LightPaths<'_> {
     fn go_on(
         &self,
         vertex: &Vertex<'_>,
-        numbers: &Sampler,
-        depth: u32,
+        emitted: &Emitted,
+        (numbers, depth): (&Sampler, u32),
         carried: &mut Carried,
         ray: &mut Ray,
         finds: &mut Finds,
@@ -180,9 +256,6 @@ impl LightPaths<'_> {
         let local = vertex.frame.to_local(vertex.back);
         let bsdf = vertex.material.at(&vertex.at.surface);
         let Some(drawn) = bsdf.sample(local, choice.x, numbers.two(first + dimension::SCATTER)) else { return false };
-        if self.which == Which::Caustics && !drawn.delta {
-            return false;
-        }
         let out = vertex.frame.to_world(drawn.wi).normalize();
         let (arrives, leaves) = (vertex.at.geometric.dot(vertex.back).abs(), vertex.at.geometric.dot(out).abs());
         let weight = if drawn.delta {
@@ -194,18 +267,29 @@ impl LightPaths<'_> {
             }
             drawn.weight * (drawn.eta * drawn.eta) * (along * leaves / (arrives * onwards))
         } else {
-            let Some((value, _)) = vertex.scatters(out, vertex.back) else { return false };
+            let Some((value, pdf)) = vertex.scatters(out, vertex.back) else { return false };
+            let turned = leaves / (drawn.pdf * arrives);
+            if carried.vertices == 0 {
+                carried.by_lights = self.world.lights.finds(emitted, vertex.at.p) * turned;
+            } else {
+                carried.by_lights *= pdf * turned;
+            }
+            carried.ratio *= pdf * turned;
+            carried.scattered += 1;
             value * (leaves / (arrives * drawn.pdf))
         };
         let before = carried.power.max_element();
         let mut power = carried.power * weight;
-        if !power.is_finite() {
+        if !(power.is_finite() && carried.ratio.is_finite() && carried.by_lights.is_finite()) {
             finds.rejected += 1;
             return false;
         }
-        carried.specular &= drawn.delta;
         carried.vertices += 1;
-        if self.which == Which::All && carried.vertices > 2 {
+        let ends_at_random = match self.which {
+            Which::Alone => carried.vertices > 2,
+            Which::Joined => carried.scattered > 0,
+        };
+        if ends_at_random {
             let survival = (power.max_element() / before).clamp(1.0 / (1u32 << 24) as f32, 0.95);
             if choice.y >= survival {
                 return false;

@@ -46,6 +46,7 @@ impl<R: Real> Choice<R> {
         kept.t_max = R::select(better, one.t_max, kept.t_max);
         kept.weight = Triple::select(better, one.weight, kept.weight);
         kept.pdf = R::select(better, one.pdf, kept.pdf);
+        kept.emits = R::select(better, one.emits, kept.emits);
         kept.valid = kept.valid | better;
         self.own = R::select(better, bright, self.own);
     }

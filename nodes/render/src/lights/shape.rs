@@ -126,7 +126,7 @@ impl ShapeLight {
         R::select(outside, R::splat(1.0 / (2.0 * PI)) / width, pdf)
     }
 
-    /// Samples the shape from points: the numbers choose the primitive, `u` the point on it.
+    /// Samples the shape from points, and says where on it: the numbers choose the primitive, `u` the point on it.
     #[inline(always)]
     pub(super) fn sample<R: Real>(
         &self,
@@ -134,9 +134,9 @@ impl ShapeLight {
         from: &super::Vantage<R>,
         [pick, accept]: [R; 2],
         u: Pair<R>,
-    ) -> Arrivals<R> {
+    ) -> (Arrivals<R>, OnShape<R>) {
         let shape = &world.shapes[self.shape as usize];
-        let found = match &shape.form {
+        let mut found = match &shape.form {
             Form::Sphere(sphere) => self.on_sphere(world, sphere, from.p, u),
             Form::Disk(disk) => on_disk(disk, u),
             Form::Mesh(_) => self.on_mesh(world, [pick, accept], u),
@@ -144,6 +144,7 @@ impl ShapeLight {
         // Normals of the table are turned already.
         let turned = shape.flip && !matches!(shape.form, Form::Mesh(_));
         let normal = if turned { -found.normal } else { found.normal };
+        found.normal = normal;
         let d = found.p - from.p;
         let length = d.length();
         let direction = d * (R::one() / length);
@@ -156,7 +157,8 @@ impl ShapeLight {
         }
         let origin = offset_origins(from.p, from.error, from.normal, direction);
         let end = offset_origins(found.p, found.error, normal, -direction);
-        Arrivals { direction, origin, ray: end - origin, t_max: SHADOW_END, weight, pdf, valid }
+        let emits = R::zero();
+        (Arrivals { direction, origin, ray: end - origin, t_max: SHADOW_END, weight, pdf, emits, valid }, found)
     }
 
     /// A point drawn by area, with the normal of its outer side.

@@ -54,7 +54,7 @@ fn compare(name: &str, built: &Built, p: Vec3, toward: Vec3, near: f64) {
     for _ in 0..count {
         let mut two = || Pair::new(stream.uniform() as f32, stream.uniform() as f32);
         let numbers = [two(), two(), two(), two()];
-        let arrived = world.lights.sample(&world, &vantage, true, numbers);
+        let arrived = world.lights.sample(&world, &vantage, None, true, numbers);
         // Points that are turned away have a density, but bring nothing.
         if arrived.pdf > 0.0 {
             found[place(arrived.direction.into())] += 1.0;

@@ -1,6 +1,6 @@
 //! Rays of a batch: from the camera, to what they meet, to lights, and out of the scene.
 
-use super::{MISS, Stream, rows::*};
+use super::{Group, MISS, Stream, rows::*};
 use crate::{
     accel::{Hit, Packet, STACK, Set, Stack, Sweep},
     dispatch::Kernels,
@@ -139,20 +139,22 @@ impl Stream<'_> {
 
     /// Light from infinity.
     #[inline(always)]
-    pub(crate) fn miss<R: Real>(&mut self) {
+    pub(crate) fn miss<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
-        let end = self.scratch.starts[1] as usize;
-        for at in (0..end).step_by(R::N) {
+        for at in (group.from..group.end).step_by(R::N) {
             let (place, mask, ids) =
-                (R::Integer::load(&self.scratch.order[at..]), Self::mask::<R>(at, end), self.ids::<R>(at));
+                (R::Integer::load(&self.scratch.order[at..]), Self::mask::<R>(at, group.end), self.ids::<R>(at));
             let (origin, direction) =
                 (self.scratch.paths.triple(ORIGIN, place), self.scratch.paths.triple(DIRECTION, place));
             let throughput = self.scratch.paths.triple::<R>(THROUGHPUT, place);
             let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
             let (radiance, other) = world.lights.environment_look(origin, direction);
             let mut weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
-            if let Some(count) = self.batch.light_paths {
-                weight *= self.against_light_paths(place, pdf, world.lights.sky_emits(direction) * count);
+            if let Some(plan) = self.batch.light_paths
+                && group.depth > 1
+            {
+                let theirs = world.lights.sky_emits(&plan.aims, origin, direction) * plan.count as f32;
+                weight = self.against_light_paths(place, weight, theirs);
             }
             self.add(mask & self.counts(pdf), throughput * radiance * weight, &ids);
         }

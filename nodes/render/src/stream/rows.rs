@@ -118,4 +118,5 @@ pub(super) const TOWARDS: usize = TEXTURES + 3 * SLOTS;
 pub(super) const SHADOW: usize = TOWARDS + 3;
 pub(super) const WEIGHT: usize = SHADOW + 7;
 pub(super) const LIGHT_PDF: usize = WEIGHT + 3;
-pub(super) const VERTEX: usize = LIGHT_PDF + 1;
+pub(super) const EMITS: usize = LIGHT_PDF + 1;
+pub(super) const VERTEX: usize = EMITS + 1;

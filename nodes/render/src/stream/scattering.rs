@@ -67,6 +67,13 @@ impl<R: Real> Shadowing<R> {
     }
 }
 
+/// Weights against ways of finding light by the path tracer alone, and now also against light paths, in the lanes where
+/// they find this light, whose density is so many times as high.
+#[inline(always)]
+pub(super) fn against<R: Real>(weight: R, ratio: R, found: R::Mask) -> R {
+    R::select(found, R::one() / (R::one() / weight + ratio * ratio), weight)
+}
+
 /// Squared tangent of an angle by its cosine.
 #[inline(always)]
 fn squared_tangent<R: Real>(cos: R) -> R {
@@ -82,6 +89,18 @@ impl<'a> Stream<'a> {
             error: self.scratch.vertices.row(ERROR, row),
             normal: self.scratch.vertices.row(GEOMETRIC, row),
         }
+    }
+
+    /// Of paths that leave a vertex along `out`, but for the density with which they do: the density of what there is
+    /// of them, over that of light paths that come from there, and would scatter back with density `back`. 0 where
+    /// none do.
+    #[inline(always)]
+    fn rival<R: Real>(&self, at: usize, row: usize, out: Triple<R>, back: R) -> R {
+        let normal = self.scratch.vertices.row::<R>(GEOMETRIC, row);
+        let cos = |d: Triple<R>| normal.dot(d).abs();
+        let turned = cos(self.scratch.vertices.row(ARRIVED_BY, row)) / (back * cos(out));
+        R::gather(&self.scratch.rivals.rows[0], R::Integer::load(&self.scratch.order[at..]))
+            * turned.only(back.positive())
     }
 
     #[inline(always)]
@@ -114,6 +133,8 @@ impl<'a> Stream<'a> {
         let mirrored = world.materials[group.index].material.is_mirrored();
         let candidates = self.candidates(group);
         let first = Sampler::vertex(group.depth);
+        // Light paths leave what a lamp lights, as the camera sees it, to sampling.
+        let aims = self.batch.light_paths.filter(|_| group.depth > 0).map(|plan| &plan.aims);
         for at in (group.from..group.end).step_by(R::N) {
             let row = at - group.from;
             let (mask, ids) = (Self::mask::<R>(at, group.end), self.ids::<R>(at));
@@ -134,7 +155,7 @@ impl<'a> Stream<'a> {
                     self.draw::<R>(&states, first + dimension::LIGHT_SPARE),
                     self.draw::<R>(&states, first + dimension::LIGHT_POINT),
                 ];
-                let arrived = world.lights.sample(world, &vantage, mask, numbers);
+                let arrived = world.lights.sample(world, &vantage, aims, mask, numbers);
                 if candidates == 1 {
                     choice.only(arrived);
                 } else {
@@ -150,6 +171,9 @@ impl<'a> Stream<'a> {
             arrived.t_max.store(&mut rows.rows[SHADOW + 6][row..]);
             rows.put(WEIGHT, row, arrived.weight.only(arrived.valid));
             arrived.pdf.store(&mut rows.rows[LIGHT_PDF][row..]);
+            if aims.is_some() {
+                arrived.emits.store(&mut rows.rows[EMITS][row..]);
+            }
         }
     }
 
@@ -204,7 +228,15 @@ impl<'a> Stream<'a> {
                 }
                 let pdf = R::load(&self.scratch.vertices.rows[LIGHT_PDF][row..]);
                 let own = self.batch.path.strategy.weight(true, pdf, other);
-                let weight = R::select(pdf.positive(), own, R::one());
+                let mut weight = R::select(pdf.positive(), own, R::one());
+                if let Some(plan) = self.batch.light_paths
+                    && group.depth > 0
+                {
+                    let (_, back) = lobe.eval(flip(local, behind), wo);
+                    let own = self.rival(at, row, towards, back) * pdf;
+                    let theirs = R::load(&self.scratch.vertices.rows[EMITS][row..]) * plan.count as f32;
+                    weight = against(weight, theirs / own, own.positive());
+                }
                 let arrives = self.scratch.vertices.row::<R>(WEIGHT, row);
                 let light = throughput * value * arrives * weight;
                 let mut reached = mask & arrives.some() & value.some() & weight.positive();
@@ -272,7 +304,9 @@ impl<'a> Stream<'a> {
                         let density = self.batch.camera.density(from.p, back, from.normal, wi) * drawn.pdf;
                         R::select(drawn.delta, R::zero(), density)
                     } else {
-                        R::gather(&self.scratch.rivals.rows[0], place).only(drawn.delta)
+                        let (_, back) = lobe.eval(drawn.wi, wo);
+                        let scattered = self.rival(at, row, wi, back) * drawn.pdf;
+                        R::select(drawn.delta, R::gather(&self.scratch.rivals.rows[0], place), scattered)
                     };
                     self.scratch.next_rivals.push(alive, [rival], &ids);
                 }

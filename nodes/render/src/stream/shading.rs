@@ -1,6 +1,6 @@
 //! The vertices of the paths that meet a material: positions, frames, textures and emission.
 
-use super::{Group, Stream, rows::*};
+use super::{Group, Stream, rows::*, scattering::against};
 use crate::{
     accel::Hit,
     bsdf::{Points, Sort},
@@ -207,8 +207,12 @@ impl Stream<'_> {
                 let other = world.lights.shape_pdf(light, origin, self.scratch.vertices.row(POINT, row), normal);
                 let mut weight =
                     R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
-                if let Some(count) = self.batch.light_paths {
-                    weight *= self.against_light_paths(place, pdf, R::splat(world.lights.emits(light) * count));
+                if let Some(plan) = self.batch.light_paths
+                    && group.depth > 1
+                {
+                    let point = self.scratch.vertices.row(POINT, row);
+                    let theirs = plan.aims.from_shape(&world.lights, light, point, normal, -direction);
+                    weight = self.against_light_paths(place, weight, theirs * plan.count as f32);
                 }
                 let own = own & self.counts(pdf);
                 self.add(own & radiance.some(), self.scratch.vertices.row::<R>(CARRIES, row) * radiance * weight, &ids);
@@ -222,14 +226,11 @@ impl Stream<'_> {
         if self.batch.path.strategy == Strategy::Caustics { pdf.lt(R::zero()) } else { !R::Mask::from_bits(0) }
     }
 
-    /// Weights of paths against light paths that find the same light, with these densities times their number. They do
-    /// where a path has left the first surface into a chain of specular ones, and the chain ends at the light.
+    /// Weights of paths that met a light, now also against light paths, with these densities times their number.
     #[inline(always)]
-    pub(super) fn against_light_paths<R: Real>(&self, place: R::Integer, pdf: R, theirs: R) -> R {
+    pub(super) fn against_light_paths<R: Real>(&self, place: R::Integer, weight: R, theirs: R) -> R {
         let own = R::gather(&self.scratch.rivals.rows[0], place);
-        let ratio = theirs / own;
-        let weight = R::one() / (ratio * ratio + 1.0);
-        R::select(own.positive() & !pdf.positive(), weight, R::one())
+        against(weight, theirs / own, own.positive())
     }
 
     /// Values of a material's textures.

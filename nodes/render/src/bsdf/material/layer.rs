@@ -73,6 +73,15 @@ impl Layer {
         }
     }
 
+    /// Whether it has a specular lobe.
+    pub(super) fn specular(&self) -> bool {
+        match &self.sort {
+            Textured::Plastic { coat, .. } => coat.alpha < DELTA_ALPHA,
+            Textured::Diffuse(_) | Textured::Principled(_) => false,
+            Textured::Conductor { .. } | Textured::Dielectric { .. } | Textured::Thin { .. } => !self.smooth(),
+        }
+    }
+
     /// Textures by slot: what the lobes below find their values by.
     pub(super) fn slots(&self) -> [Option<&Texture>; SLOTS] {
         let alpha = self.finish.as_ref().and_then(|finish| finish.alpha.as_ref());
