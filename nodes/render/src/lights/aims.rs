@@ -101,7 +101,7 @@ impl Aims {
         })
     }
 
-    /// Without the balls that get next to nothing, because each takes time at every vertex: what they got goes anywhere.
+    /// Without the balls that get next to nothing, as each takes time at every vertex. What they got goes anywhere.
     fn without_idle(self, weights: Vec<f64>) -> Self {
         let each = self.balls.len() + 1;
         let sum = |ball: usize| weights.iter().skip(ball).step_by(each).sum::<f64>();
