@@ -395,7 +395,7 @@ impl Lights {
             Light::Shape(shape) => {
                 let (mut arrivals, found) = shape.sample(world, from, [a.y, b.x], point);
                 if let Some(aims) = aims {
-                    arrivals.emits = aims.from_shape(self, light as u32, found.p, found.normal, -arrivals.direction);
+                    arrivals.emits = aims.of_shape(self, light as u32, found.p, found.normal, -arrivals.direction);
                 }
                 arrivals
             }
@@ -409,7 +409,7 @@ impl Lights {
                 let weight = radiance * (R::one() / pdf);
                 let mut arrivals = from.endless(direction, weight, pdf, pdf.positive() & radiance.some());
                 if let Some(aims) = aims {
-                    arrivals.emits = aims.from_sky(self, emission::of_sky(pdf), from.p, direction);
+                    arrivals.emits = aims.of_sky(self, emission::direction_density(pdf), from.p, direction);
                 }
                 arrivals
             }

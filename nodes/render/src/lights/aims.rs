@@ -129,7 +129,7 @@ impl Aims {
     /// Density of emission over area and solid angle, over the cosine at the light, from points of a shape of this
     /// light whose outer normals are `normal` towards `out`.
     #[inline(always)]
-    pub(crate) fn from_shape<R: Real>(
+    pub(crate) fn of_shape<R: Real>(
         &self,
         lights: &Lights,
         light: u32,
@@ -155,7 +155,7 @@ impl Aims {
 
     /// The same of light from infinity along rays, by the density with which their directions are drawn.
     #[inline(always)]
-    pub(super) fn from_sky<R: Real>(&self, lights: &Lights, drawn: R, origin: Triple<R>, to_light: Triple<R>) -> R {
+    pub(super) fn of_sky<R: Real>(&self, lights: &Lights, drawn: R, origin: Triple<R>, to_light: Triple<R>) -> R {
         let Some((_, light)) = &lights.environment else { return R::zero() };
         let shares = self.of_light(*light as usize);
         let mut sum = R::splat(shares[self.balls.len()] / lights.disk());

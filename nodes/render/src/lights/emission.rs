@@ -53,7 +53,7 @@ mod dimension {
 
 /// Density of directions of the sky, by that of [`Environment::sample`].
 #[inline(always)]
-pub(super) fn of_sky<R: Real>(pdf: R) -> R {
+pub(super) fn direction_density<R: Real>(pdf: R) -> R {
     pdf * 0.5 + 0.125 / PI
 }
 
@@ -78,7 +78,7 @@ impl Lights {
     pub(crate) fn sky_emits<R: Real>(&self, aims: &Aims, origin: Triple<R>, to_light: Triple<R>) -> R {
         let Some((environment, _)) = &self.environment else { return R::zero() };
         let pdf = environment.look_lanes(to_light).1;
-        aims.from_sky(self, of_sky(pdf), origin, to_light)
+        aims.of_sky(self, direction_density(pdf), origin, to_light)
     }
 
     /// Area of the disk that covers the scene from any side.
@@ -108,7 +108,7 @@ impl Lights {
                     Some(ball) if !ball.cone(found.p).inside => ball.towards(found.p.into(), towards),
                     _ => by_cosine(normal, towards),
                 };
-                let density = aims.from_shape(self, chosen as u32, found.p, found.normal, direction.into());
+                let density = aims.of_shape(self, chosen as u32, found.p, found.normal, direction.into());
                 let radiance = shape.shines(world, &found, direction);
                 if radiance == Vec3::ZERO || density.is_nan() || density <= 0.0 {
                     return None;

@@ -211,7 +211,7 @@ impl Stream<'_> {
                     && group.depth > 1
                 {
                     let point = self.scratch.vertices.row(POINT, row);
-                    let theirs = plan.aims.from_shape(&world.lights, light, point, normal, -direction);
+                    let theirs = plan.aims.of_shape(&world.lights, light, point, normal, -direction);
                     weight = self.against_light_paths(place, weight, theirs * plan.count as f32);
                 }
                 let own = own & self.counts(pdf);
