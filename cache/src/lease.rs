@@ -132,8 +132,8 @@ impl Lease {
         let path = layout.lease(&layout.owner);
         let mut tries = 0;
         loop {
-            // A gc may sweep the temporary file away before it is locked. If that happens again and again, no gc goes
-            // on during the next try.
+            // A gc may sweep the temporary file away before it has its name. If that happens again and again, no gc
+            // goes on during the next try.
             let pause = (tries > SWEPT).then(|| open_lock(&layout.gc_lock())).transpose()?;
             if let Some(lock) = &pause
                 && let Err(error) = lock.lock()

@@ -68,7 +68,7 @@ fn samplers_and_integrators_are_chosen() {
     };
     let plain = image(&[]);
     assert_ne!(image(&["--sampler", "sobol"]), plain);
-    // Without anything specular light paths find nothing.
+    // One ball alone: light paths find only what meets two surfaces.
     assert_eq!(image(&["--integrator", "bidirectional"]), plain);
     render(&place, &["--integrator", "photons", "-o", "x.exr"]).ends(2);
 }

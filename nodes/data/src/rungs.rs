@@ -209,7 +209,8 @@ pub enum IntegratorKind {
     #[default]
     Path,
     /// Paths from the camera, and paths from the lights: less error in caustics and near lamps, in more time a sample.
-    #[serde(alias = "path_and_light")] // in records of a version whose light paths found caustics only
+    // The alias is in records of a version whose light paths found caustics only, and no longer told apart from these.
+    #[serde(alias = "path_and_light")]
     Bidirectional,
 }
 

@@ -377,12 +377,16 @@ impl SceneRender<'_> {
         let (counts, stream) = (self.params.rungs.counts(), self.params.stream);
         let mut found = Vec::with_capacity(counts.len());
         let mut state: Option<Accumulator> = None;
+        let mut made = None;
         for count in counts {
             if let Some(digest) = self.remembered(Memo::Variance, stream, *count)? {
                 found.push((*count, digest));
                 continue;
             }
-            let renderer = self.renderer(self.world()?, stream)?;
+            if made.is_none() {
+                made = Some(self.renderer(self.world()?, stream)?);
+            }
+            let Some(renderer) = &made else { continue };
             let known = self.nearest_state(stream, *count, counts)?;
             let nearest = state.into_iter().chain(known).max_by_key(|state| state.count);
             let mut now = nearest.unwrap_or_else(|| renderer.begin());

@@ -194,8 +194,11 @@ impl<'a> Renderer<'a> {
 
     /// How light paths are traced, worked out once.
     fn plan(&self, which: Which) -> Option<&Plan> {
-        let plan = || Plan::new(which, self.world, &self.camera, self.size());
-        self.plan.get_or_init(plan).as_ref()
+        if self.plan.get().is_none() {
+            // Not within the lock: the paths by which it is worked out run on other threads, too.
+            let _ = self.plan.set(Plan::new(which, self.world, &self.camera, self.size())); // all are the same
+        }
+        self.plan.get()?.as_ref()
     }
 
     fn light_paths<'b>(&'b self, which: Which, plan: &'b Plan) -> LightPaths<'b> {

@@ -38,7 +38,7 @@ pub(crate) struct Batch<'a> {
     pub(crate) path: Path,
     /// Longest path in segments.
     pub(crate) depth: u32,
-    /// Light paths that find caustics, too; none where paths from the camera are alone.
+    /// Light paths, too; none where paths from the camera are alone.
     pub(crate) light_paths: Option<&'a Plan>,
     /// How all of them draw.
     pub(crate) sampler: SamplerKind,

@@ -3,8 +3,9 @@
 mod scenes;
 
 use scenes::{Built, ball, balls_under_sky, columns, copies, everything, film, level, room};
+use tauflow_contract::Digest;
 use tauflow_data::{
-    SamplerKind,
+    Image, SamplerKind,
     scene::{Bsdf, Emitter, Geometry, Texture},
 };
 use tauflow_render::{
@@ -193,6 +194,40 @@ fn room_of_glass(lamp: f64, radiance: f32) -> Built {
     built.scene.shapes[shapes - 1].to_world = place;
     built.scene.shapes[shapes - 1].emission = Some(Texture::scalar(radiance));
     built
+}
+
+/// A corner under many lamps, turned in every way, and a picture of the sky that is half black.
+fn corner_of_lamps(max_depth: u32) -> Built {
+    let mut built = caustics(0.3, 4.0, true);
+    built.scene.max_depth = max_depth;
+    let black = built.diffuse([0.0; 3]);
+    for number in 0..9 {
+        let (x, z) = (f64::from(number % 3) * 0.9 - 0.9, f64::from(number / 3) * 0.8 - 0.6);
+        let height = 1.6 + 0.1 * f64::from(number);
+        let lamp = match number % 3 {
+            0 => built.shape(Geometry::Rectangle, level(0.15, [x, height, z], true), black),
+            1 => built.sphere([x, height, z], 0.1, black),
+            _ => built.shape(Geometry::Disk, level(0.15, [x, height, z], false), black),
+        };
+        lamp.flip_normals = number % 3 == 0;
+        lamp.emission = Some(Texture::scalar(1.0 + number as f32));
+    }
+    let sky = Image::from_data(4, 4, 3, (0..48).map(|at| if at < 24 { 0.8 } else { 0.0 }).collect()).expect("an image");
+    let bytes = sky.to_bytes();
+    let digest = Digest::of(&bytes);
+    built.blobs.insert(digest, bytes);
+    let to_world = columns([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]);
+    built.scene.emitters.push(Emitter::Envmap { image: digest, scale: 1.0, to_world });
+    built
+}
+
+#[test]
+fn many_lamps_and_a_black_sky_are_found_from_both_ends() {
+    for depth in [2, 3, 6] {
+        let built = corner_of_lamps(depth);
+        agree(&format!("a corner, {depth} segments"), &built, Integrator::default(), joined(), 1024);
+        assert_eq!(render(&built, joined(), 3, 16).rejected, 0, "{depth} segments");
+    }
 }
 
 #[test]

@@ -280,6 +280,9 @@ impl LightPaths<'_> {
         };
         let before = carried.power.max_element();
         let mut power = carried.power * weight;
+        if power == Vec3::ZERO {
+            return false;
+        }
         if !(power.is_finite() && carried.ratio.is_finite() && carried.by_lights.is_finite()) {
             finds.rejected += 1;
             return false;
@@ -295,9 +298,6 @@ impl LightPaths<'_> {
                 return false;
             }
             power /= survival;
-        }
-        if power.max_element() <= 0.0 {
-            return false;
         }
         carried.power = power;
         *ray = Ray::new(offset_origin(vertex.at.p, vertex.at.error, vertex.at.geometric, out), out);

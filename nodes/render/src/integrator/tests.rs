@@ -1,4 +1,4 @@
-use super::{Strategy, first_solid};
+use super::{Integrator, Path, Strategy, first_solid};
 use crate::{
     accumulator::Accumulator,
     render::Renderer,
@@ -28,10 +28,13 @@ fn every_set_of_instructions_has_the_same_bits() {
         let films: Vec<_> = Instructions::available()
             .into_iter()
             .map(|instructions| {
-                [SamplerKind::Independent, SamplerKind::Sobol].map(|sampler| {
+                let (independent, sobol) = (SamplerKind::Independent, SamplerKind::Sobol);
+                let joined = Integrator::Bidirectional(Path::default());
+                let alone = Integrator::default();
+                [(independent, alone), (sobol, alone), (independent, joined)].map(|(sampler, integrator)| {
                     let renderer =
                         Renderer::new(&world, film(24, 20), 3).expect("a film").with_instructions(instructions);
-                    let renderer = renderer.with_sampler(sampler);
+                    let renderer = renderer.with_sampler(sampler).with_integrator(integrator);
                     let mut film = renderer.begin();
                     renderer.advance(&mut film, 7, &mut |_| Ok(())).expect("nothing stops it");
                     film

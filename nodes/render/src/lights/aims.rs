@@ -24,6 +24,8 @@ const ANYWHERE: f64 = 0.5;
 const KEPT: f64 = 0.2;
 /// A ball with a smaller part of all paths is left out.
 const IDLE: f64 = 0.01;
+/// Fewer paths of a pair say too little of it.
+const FEW: u64 = 32;
 /// A point is taken as inside a ball from this squared ratio of radius and distance on.
 const INSIDE: f32 = 0.999;
 
@@ -91,7 +93,16 @@ impl Aims {
     /// of the square of their light, `paths` how many there were. None if nothing was brought.
     pub(crate) fn learnt(self, brought: &[f64], paths: &[u64]) -> Option<Self> {
         // The least variance is that of shares in proportion to the root of the mean square by even shares.
-        let root = |pair: usize| (brought[pair] / (paths[pair] as f64).max(1.0)).sqrt();
+        // Of pairs with few paths, it is taken from what the ball brings with all lights.
+        let each = self.balls.len() + 1;
+        let of_ball = |pair: usize| -> (f64, u64) {
+            let all = (pair % each..self.len()).step_by(each);
+            all.fold((0.0, 0), |(square, count), at| (square + brought[at], count + paths[at]))
+        };
+        let root = |pair: usize| {
+            let (square, count) = if paths[pair] < FEW { of_ball(pair) } else { (brought[pair], paths[pair]) };
+            (square / (count as f64).max(1.0)).sqrt()
+        };
         let best: Vec<f64> = (0..self.len()).map(|pair| f64::from(self.shares[pair]) * root(pair)).collect();
         let sum: f64 = best.iter().sum();
         (sum > 0.0 && sum.is_finite()).then(|| {
@@ -143,9 +154,8 @@ impl Aims {
         let (mut by_cosine, mut by_cone) = (R::splat(shares[self.balls.len()]), R::zero());
         for (ball, share) in self.balls.iter().zip(shares) {
             let cone = ball.cone(p);
-            let towards = Triple::splat(ball.center) - p;
-            let aside = towards.cross(out);
-            let hit = aside.dot(aside).le(R::splat(ball.radius * ball.radius)) & towards.dot(out).positive();
+            let ahead = (Triple::splat(ball.center) - p).dot(out).positive();
+            let hit = ball.seen_along(p, out) & ahead;
             by_cosine += R::splat(*share).only(cone.inside);
             by_cone += (R::splat(*share * (0.5 / PI)) / cone.width).only(hit & !cone.inside);
         }
@@ -160,8 +170,7 @@ impl Aims {
         let shares = self.of_light(*light as usize);
         let mut sum = R::splat(shares[self.balls.len()] / lights.disk());
         for (ball, share) in self.balls.iter().zip(shares) {
-            let aside = (Triple::splat(ball.center) - origin).cross(to_light);
-            let hit = aside.dot(aside).le(R::splat(ball.radius * ball.radius));
+            let hit = ball.seen_along(origin, to_light);
             sum += R::splat(*share / (PI * ball.radius * ball.radius)).only(hit);
         }
         drawn * sum
@@ -177,6 +186,13 @@ pub(super) struct Cone<R: Real> {
 }
 
 impl Ball {
+    /// Lanes where a line through a point meets it.
+    #[inline(always)]
+    pub(super) fn seen_along<R: Real>(&self, p: Triple<R>, direction: Triple<R>) -> R::Mask {
+        let aside = (Triple::splat(self.center) - p).cross(direction);
+        aside.dot(aside).le(R::splat(self.radius * self.radius))
+    }
+
     #[inline(always)]
     pub(super) fn cone<R: Real>(&self, p: Triple<R>) -> Cone<R> {
         let d = Triple::splat(self.center) - p;
@@ -221,16 +237,12 @@ fn balls(world: &World) -> Vec<Ball> {
                 Ball { center: disk.center, radius }
             }
             Form::Mesh(_) => {
+                let placements = world.accel.placements();
+                let placed = (shape.placed != IN_WORLD).then(|| placements.placed::<f32>(shape.placed as i32));
                 let corners = || {
                     (shape.base..shape.base + shape.count).flat_map(|at| {
                         let positions = world.table.facts::<f32>(at as i32).positions;
-                        positions.map(|p| {
-                            if shape.placed == IN_WORLD {
-                                return Vec3::from(p);
-                            }
-                            let placed = world.accel.placements().placed::<f32>(shape.placed as i32);
-                            Vec3::from(placed.point(p, Triple::zero()).0)
-                        })
+                        positions.map(|p| Vec3::from(placed.as_ref().map_or(p, |of| of.point(p, Triple::zero()).0)))
                     })
                 };
                 let (low, high) = corners().fold((Vec3::MAX, Vec3::MIN), |(low, high), p| (low.min(p), high.max(p)));

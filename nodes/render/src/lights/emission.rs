@@ -104,10 +104,14 @@ impl Lights {
                 let part = number(dimension::PART);
                 let found = shape.by_area(world, [light.y, part.x], Pair::new(point.x, point.y));
                 let normal: Vec3 = found.normal.into();
-                let direction = match pair.ball {
-                    Some(ball) if !ball.cone(found.p).inside => ball.towards(found.p.into(), towards),
-                    _ => by_cosine(normal, towards),
+                let aim = pair.ball.filter(|ball| !ball.cone(found.p).inside);
+                let direction = match aim {
+                    Some(ball) => ball.towards(found.p.into(), towards),
+                    None => by_cosine(normal, towards),
                 };
+                if aim.is_some_and(|ball| !ball.seen_along(found.p, direction.into())) {
+                    return None; // rounding has put it beside its aim
+                }
                 let density = aims.of_shape(self, chosen as u32, found.p, found.normal, direction.into());
                 let radiance = shape.shines(world, &found, direction);
                 if radiance == Vec3::ZERO || density.is_nan() || density <= 0.0 {
@@ -127,9 +131,17 @@ impl Lights {
                     Some(ball) => self.disk_ray(&ball, to_light, point),
                     None => self.disk_ray(&self.whole(), to_light, point),
                 };
+                if pair.ball.is_some_and(|ball| !ball.seen_along(ray.origin.into(), to_light.into())) {
+                    return None; // rounding has put it beside its aim
+                }
                 let density = self.sky_emits(aims, ray.origin.into(), to_light.into());
                 let source = Source::Sky { to_light };
-                (density > 0.0).then(|| Emitted { ray, power: radiance / density, density, source })
+                (density > 0.0 && radiance != Vec3::ZERO).then(|| Emitted {
+                    ray,
+                    power: radiance / density,
+                    density,
+                    source,
+                })
             }
             Light::Point { position, intensity } => {
                 let ray = Ray::new(*position, everywhere(towards));

@@ -87,8 +87,8 @@ pub(super) const DIRECTION: usize = 3;
 pub(super) const THROUGHPUT: usize = 6;
 pub(super) const ETA: usize = 9;
 pub(super) const PDF: usize = 10;
-/// Row of a path: the density, over what light paths have of it (see [`crate::lights::Lights::emits`]), with which it
-/// went from the first surface into a chain of specular ones; 0 of other paths.
+/// Row of a path: its density so far, over that of a light path along it but for the emission; 0 where light paths do
+/// not find it.
 pub(super) type Rivals = Rows<1>;
 /// Rows of a shadow ray: origin, direction, its end, what arrives if nothing is in between.
 pub(super) type Shadows = Rows<10>;
@@ -112,8 +112,8 @@ pub(super) const CARRIES: usize = 21;
 pub(super) const UV: usize = 24;
 pub(super) const COLOR: usize = 26;
 pub(super) const TEXTURES: usize = 30;
-/// Rows of light that may arrive: direction, shadow ray (origin, direction, end), radiance over density, density.
-/// Without light the radiance is 0.
+/// Rows of light that may arrive: direction, shadow ray (origin, direction, end), radiance over density, density,
+/// density of the emission of light paths. Without light the radiance is 0.
 pub(super) const TOWARDS: usize = TEXTURES + 3 * SLOTS;
 pub(super) const SHADOW: usize = TOWARDS + 3;
 pub(super) const WEIGHT: usize = SHADOW + 7;

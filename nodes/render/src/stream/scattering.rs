@@ -97,8 +97,8 @@ impl<'a> Stream<'a> {
     #[inline(always)]
     fn rival<R: Real>(&self, at: usize, row: usize, out: Triple<R>, back: R) -> R {
         let normal = self.scratch.vertices.row::<R>(GEOMETRIC, row);
-        let cos = |d: Triple<R>| normal.dot(d).abs();
-        let turned = cos(self.scratch.vertices.row(ARRIVED_BY, row)) / (back * cos(out));
+        let arrived = self.scratch.vertices.row::<R>(ARRIVED_BY, row);
+        let turned = normal.dot(arrived).abs() / (back * normal.dot(out).abs());
         R::gather(&self.scratch.rivals.rows[0], R::Integer::load(&self.scratch.order[at..]))
             * turned.only(back.positive())
     }
