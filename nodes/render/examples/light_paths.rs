@@ -1,9 +1,8 @@
-//! What paths from the lights, and Sobol' points, bring to references of scenes: errors after as many samples, and the
-//! time of a sample, against independent paths from the camera alone: `light_paths SCENE..`, folders as
-//! `tauflow export` writes them.
+//! Compares light paths and Sobol' points with independent paths from the camera: error after the same number of
+//! samples, and time of a sample. `light_paths SCENE..` takes folders that `tauflow export` writes.
 //!
-//! Errors are against the mean of two references of 1024 samples, whose own error is taken off. Times are those of one
-//! core, as the processor counts them for the thread, so that other programs matter less.
+//! The reference is the mean of two renders of 1024 samples with both. Its own error is subtracted. Times are processor
+//! times of one thread, so that other programs matter less.
 
 mod exported;
 

@@ -86,8 +86,8 @@ struct Carried {
     /// Vertices passed, and those of them that were not specular.
     vertices: u32,
     scattered: u32,
-    /// Of the vertices passed, the density with which a path from the camera scatters as this one came, over that with
-    /// which this one scattered, both over projected solid angle.
+    /// A path from the camera may pass the same vertices the other way round. This is its density of scattering over
+    /// that of this path, over projected solid angle, as a product over the vertices passed.
     ratio: f32,
     /// The same of a path from the camera that samples lights at the last of its vertices.
     by_lights: f32,
@@ -100,7 +100,7 @@ impl Plan {
         if which == Which::Alone {
             return Some(Self { aims: Aims::anywhere(&world.lights), count });
         }
-        // A light path takes as long as two or three from the camera.
+        // A light path takes longer than one from the camera, and may light a pixel from each of its vertices.
         let first = Self { aims: Aims::towards_specular(world)?, count: count.div_ceil(PIXELS) };
         let sampler = SamplerKind::Independent;
         let (brought, paths) = LightPaths { world, camera, size, stream: 0, sampler, which, plan: &first }.try_out();

@@ -92,8 +92,8 @@ impl Aims {
     /// The same pairs, with shares by what paths of each have brought: `brought` is the sum over the paths of a pair
     /// of the square of their light, `paths` how many there were. None if nothing was brought.
     pub(crate) fn learnt(self, brought: &[f64], paths: &[u64]) -> Option<Self> {
-        // The least variance is that of shares in proportion to the root of the mean square by even shares.
-        // Of pairs with few paths, it is taken from what the ball brings with all lights.
+        // Variance is least if shares are in proportion to the root of the mean square. A pair with few paths takes the
+        // mean square of its ball over all lights.
         let each = self.balls.len() + 1;
         let of_ball = |pair: usize| -> (f64, u64) {
             let all = (pair % each..self.len()).step_by(each);
@@ -112,7 +112,7 @@ impl Aims {
         })
     }
 
-    /// Without the balls that get next to nothing, as each takes time at every vertex. What they got goes anywhere.
+    /// Drops balls that get few paths, because each ball takes time at every vertex. Their paths go anywhere.
     fn without_idle(self, weights: Vec<f64>) -> Self {
         let each = self.balls.len() + 1;
         let sum = |ball: usize| weights.iter().skip(ball).step_by(each).sum::<f64>();

@@ -1,8 +1,9 @@
 //! Light on its way out: where it starts, where it goes, and how much it carries.
 //!
-//! Points of a shape are drawn by area, directions by the cosine or towards what [`Aims`] says. Of the sky, directions
-//! are drawn half as [`Environment`] draws them and half from all over the sphere, because its draws leave out what is
-//! no brighter than the mean. The rays of one direction begin on a disk that covers the scene, or what is aimed at.
+//! Points of a shape are drawn by area. Directions are drawn by the cosine, or towards a ball of [`Aims`]. Half of the
+//! directions to the sky are drawn as [`Environment`] does. The other half are drawn from the whole sphere, because the
+//! environment's draws leave out what is no brighter than the mean. The rays of one direction begin on a disk that
+//! covers the scene or the ball.
 
 use super::{
     Light, Lights, ShapeLight,

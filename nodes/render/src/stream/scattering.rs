@@ -91,9 +91,8 @@ impl<'a> Stream<'a> {
         }
     }
 
-    /// Of paths that leave a vertex along `out`, but for the density with which they do: the density of what there is
-    /// of them, over that of light paths that come from there, and would scatter back with density `back`. 0 where
-    /// none do.
+    /// Density of paths over that of light paths that come the other way along `out`, without the density of scattering
+    /// into `out`. Light paths scatter back with density `back`. 0 where no light path does.
     #[inline(always)]
     fn rival<R: Real>(&self, at: usize, row: usize, out: Triple<R>, back: R) -> R {
         let normal = self.scratch.vertices.row::<R>(GEOMETRIC, row);
