@@ -7,6 +7,8 @@ Markdown page, or of all comments of a crate, have fewer than 20 words on averag
 On the pages of `PLAIN`, no sentence begins with a word of `OPENERS`, which stands for a noun or inverts the word order.
 Questions and the beginnings in `ALLOWED_OPENINGS` are exempt.
 
+All rows of a table in Markdown have as many cells as its head.
+
 Not counted: tables, fences of code, headings, targets of links, HTML and snapshots of tests. A span in backticks is one
 word. A list item is a sentence of its own, and so is what stands before a list or a fence.
 
@@ -246,6 +248,30 @@ def long_lines(path, source):
             yield number, len(line)
 
 
+# Tables.
+
+
+def cells(line):
+    """Number of cells of a row. Bars within code count unless they are escaped, as on GitHub."""
+    return len(re.findall(r"(?<!\\)\|", line.strip().strip("|"))) + 1
+
+
+def ragged_rows(source):
+    """Rows of tables that have more or fewer cells than the head, as (line number, cells, cells of the head)."""
+    wanted, fenced = None, False
+    for number, line in enumerate(source.split("\n"), 1):
+        if FENCE.match(line):
+            fenced = not fenced
+        if fenced or not TABLE.match(line):
+            wanted = None
+            continue
+        found = cells(line)
+        if wanted is None:
+            wanted = found
+        elif found != wanted:
+            yield number, found, wanted
+
+
 # The whole.
 
 
@@ -274,6 +300,9 @@ def check(files):
             source = file.read()
         for number, columns in long_lines(path, source):
             messages.append((path, number, f"{columns} columns, at most {COLUMNS}"))
+        if path.endswith(".md"):
+            for number, has, wanted in ragged_rows(source):
+                messages.append((path, number, f"a row of {has} cells in a table of {wanted}"))
         found = prose(path, source)
         lengths[path] = [words for _, words, _ in found]
         for number, words, text in found:
@@ -327,6 +356,9 @@ def self_test():
         (list(long_lines("a.md", "| " + "x " * 80 + "|\n```\n" + "y " * 80 + "\n```\n" + "z " * 61)), [(5, 122)]),
         (list(long_lines("a.md", "- [text](https://" + "x" * 120 + ").")), []),
         (list(long_lines("a.rs", "    // https://" + "x" * 120)), []),
+        (list(ragged_rows("| a | b |\n|---|---|\n| `x \\| y` | 1 |\n| | |\n| 1 |")), [(5, 1, 2)]),
+        (list(ragged_rows("| a |\n|---|\n| 1 | 2 |\n\n| b | c |\n|---|---|\n| 3 | 4 |")), [(3, 2, 1)]),
+        (list(ragged_rows("```\n| a | b |\n| 1 |\n```")), []),
     ]
     def openers(text):
         return [opener(sentence) for _, _, sentence in prose("a.md", text)]
