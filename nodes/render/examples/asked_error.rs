@@ -1,23 +1,28 @@
-//! Prints how accurate images are that are rendered to an error, in scenes with caustics: what was asked for, what the
-//! render says, and what a reference of other samples shows.
+//! Prints how accurate images are that are rendered to an error: what was asked for, what the render says, what a
+//! reference of other samples shows, and what it cost. The cost counts the samples that decided, and is divided by the
+//! samples that an oracle would take, by the variance of the reference.
 //!
-//! `asked_error [SAMPLES]`: samples per pixel of the references, 65536 by default.
+//! `asked_error [SAMPLES [SCENE..]]`: samples per pixel of the references, 65536 by default, and folders that `tauflow
+//! export` writes. Without folders, three scenes with caustics are rendered at 32 x 24 pixels; others at 128 x 128.
 
-use std::error::Error;
-use tauflow_contract::KindError;
+mod exported;
+
+use std::{error::Error, path::Path};
+use tauflow_contract::{Digest, KindError};
 use tauflow_data::{
-    Image, Resolution,
+    Resolution,
     bins::{KEY, geometric_mean_luminance},
     scene::{Affine, Bsdf, Camera, Emitter, Geometry, Scene, Shape, Texture},
 };
-use tauflow_render::{
-    render::{Goal, Renderer, Setup, render_image},
-    until::Until,
-    world::World,
-};
+use tauflow_render::{accumulator::Accumulator, render::Renderer, until::Until, world::World};
 
 const ASKED: [f64; 3] = [0.25, 0.1, 0.05];
-const FILM: [usize; 2] = [32, 24];
+/// Of the scenes with caustics, and of others.
+const FILMS: [[u32; 2]; 2] = [[32, 24], [128, 128]];
+/// Samples per pixel at most.
+const MOST: u64 = 1 << 14;
+/// An image that is at most so many times less accurate than it was asked for keeps what it promised.
+const KEPT: f64 = 1.2;
 /// The stream of the references; images are of stream 0.
 const REFERENCE: u64 = 1 << 40;
 
@@ -70,19 +75,8 @@ fn scene(body: Bsdf, lamp: f64, walls: bool) -> Scene {
     }
 }
 
-/// The error as `until` has it, against a reference.
-fn reached(image: &Image, reference: &Image) -> f64 {
-    let exposure = KEY / geometric_mean_luminance(reference);
-    let of = |(v, r): (&f32, &f32)| {
-        let (v, r) = (f64::from(*v) * exposure, f64::from(*r) * exposure);
-        (v - r).powi(2) / (r * r + 0.01)
-    };
-    let sum: f64 = image.data().iter().zip(reference.data()).map(of).sum();
-    (sum / image.data().len() as f64).sqrt()
-}
-
-fn main() -> Result<(), Box<dyn Error>> {
-    let samples: u64 = std::env::args().nth(1).map_or(Ok(1 << 16), |text| text.parse())?;
+/// Scenes with light that few paths find, by name.
+fn with_caustics() -> [(&'static str, Scene); 3] {
     let glass = |alpha: f32| Bsdf::Dielectric {
         int_ior: 1.5,
         ext_ior: 1.0,
@@ -92,27 +86,107 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let silver =
         Bsdf::Conductor { eta: [0.15; 3], k: [3.5; 3], alpha: 0.02, specular_reflectance: Texture::scalar(1.0) };
-    let scenes = [
+    [
         ("glass ball, lamp of 0.1", scene(glass(0.0), 0.1, false)),
         ("glass ball in a room, lamp of 0.05", scene(glass(0.0), 0.05, true)),
         ("silver ball in a room, lamp of 0.05", scene(silver, 0.05, true)),
-    ];
-    let film = Resolution::new(FILM[0] as u32, FILM[1] as u32)?;
-    println!("| scene | asked | expected | reached | samples per pixel |\n|---|---:|---:|---:|---:|");
-    for (name, scene) in scenes {
-        let mut load = |digest: &tauflow_contract::Digest| Err(KindError::MissingBlob(*digest));
+    ]
+}
+
+/// The known image of a scene.
+struct Known {
+    /// Mean and variance of single samples of each value, exposed.
+    values: Vec<(f64, f64)>,
+    exposure: f64,
+    samples: f64,
+}
+
+impl Known {
+    fn of(reference: &Accumulator) -> Self {
+        let (mean, variance) = (reference.mean(), reference.variance());
+        let exposure = KEY / geometric_mean_luminance(&mean);
+        let exposed = |(m, v): (&f32, &f32)| (f64::from(*m) * exposure, f64::from(*v) * exposure * exposure);
+        let values = mean.data().iter().zip(variance.data()).map(exposed).collect();
+        Self { values, exposure, samples: reference.count as f64 }
+    }
+
+    /// The error of an image as `until` has it. That of the reference is subtracted.
+    fn error(&self, image: &Accumulator) -> f64 {
+        let of = |(value, (known, variance)): (&f32, &(f64, f64))| {
+            let error = f64::from(*value) * self.exposure - known;
+            (error * error - variance / self.samples) / (known * known + 0.01)
+        };
+        let sum: f64 = image.mean().data().iter().zip(&self.values).map(of).sum();
+        (sum / self.values.len() as f64).max(0.0).sqrt()
+    }
+
+    /// The samples after which this error is to be expected.
+    fn samples(&self, error: f64) -> f64 {
+        let sum: f64 = self.values.iter().map(|(known, variance)| variance / (known * known + 0.01)).sum();
+        (sum / self.values.len() as f64 / (error * error)).max(1.0)
+    }
+}
+
+/// An image that was asked for: the error that is expected, the image, and the samples that decided.
+fn asked(world: &World, film: Resolution, error: f64) -> Result<(f64, Accumulator, u64), KindError> {
+    let until = Until::new(error, MOST);
+    let on = |stream| Renderer::new(world, film, stream);
+    let image = on(0)?;
+    let mut decided = 0;
+    let (stop, expected) = until.decide(
+        0,
+        1,
+        || image.begin(),
+        |state, stream, trial| {
+            decided += trial - state.count;
+            on(stream)?.advance(state, trial, &mut |_| Ok(()))
+        },
+    )?;
+    let (samples, expected) = until.least(stop, expected);
+    let mut state = image.begin();
+    image.advance(&mut state, samples, &mut |_| Ok(()))?;
+    Ok((expected, state, decided))
+}
+
+fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+    let mut given = std::env::args().skip(1);
+    let samples: u64 = given.next().map_or(Ok(1 << 16), |text| text.parse())?;
+    let mut scenes = Vec::new();
+    for folder in given {
+        let (scene, blobs) = exported::read(Path::new(&folder))?;
+        let name = Path::new(&folder).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        scenes.push((name, scene, blobs));
+    }
+    let [width, height] = FILMS[usize::from(!scenes.is_empty())];
+    let film = Resolution::new(width, height)?;
+    if scenes.is_empty() {
+        scenes = with_caustics().map(|(name, scene)| (name.to_owned(), scene, exported::Blobs::new())).into();
+    }
+    println!("| scene | asked | expected | reached | samples per pixel | cost / oracle |");
+    println!("|---|---:|---:|---:|---:|---:|");
+    let (mut kept, mut promised, mut costs) = (0, 0, Vec::new());
+    for (name, scene, blobs) in scenes {
+        let mut load = |digest: &Digest| blobs.get(digest).cloned().ok_or(KindError::MissingBlob(*digest));
         let world = World::new(&scene, &mut load)?;
         let renderer = Renderer::new(&world, film, REFERENCE)?;
         let mut reference = renderer.begin();
         renderer.advance(&mut reference, samples, &mut |_| Ok(()))?;
-        let reference = reference.mean();
-        for asked in ASKED {
-            let goal = Goal::Error(Until::new(asked, 1 << 16));
-            let rendered = render_image(&scene, &mut load, Setup::new(film), goal, &mut |_| Ok(()))?;
-            let expected = rendered.stats.error.map_or_else(|| "unknown".into(), |error| format!("{error:.3}"));
-            let reached = reached(&rendered.image, &reference);
-            println!("| {name} | {asked} | {expected} | {reached:.3} | {} |", rendered.stats.samples);
+        let known = Known::of(&reference);
+        for error in ASKED {
+            let (expected, image, decided) = asked(&world, film, error)?;
+            let (reached, count) = (known.error(&image), image.count);
+            let cost = (count + decided) as f64 / known.samples(error);
+            println!("| {name} | {error} | {expected:.3} | {reached:.3} | {count} | {cost:.2} |");
+            if expected <= error {
+                promised += 1;
+                kept += usize::from(reached <= KEPT * error);
+                costs.push(cost);
+            }
         }
     }
+    costs.sort_by(f64::total_cmp);
+    let (middle, cheap) = (costs.get(costs.len() / 2), costs.iter().filter(|cost| **cost <= 2.0).count());
+    println!("{kept} of {promised} are at most {KEPT} times what was asked; {cheap} cost at most twice the oracle's");
+    println!("median cost: {:.2}", middle.copied().unwrap_or(f64::NAN));
     Ok(())
 }

@@ -1,6 +1,12 @@
 #![doc = include_str!("ladder_rendering.md")]
 
-use crate::{accumulator::Accumulator, gbuffer::GBufferSurface, render::Renderer, until::Until, world::World};
+use crate::{
+    accumulator::Accumulator,
+    gbuffer::GBufferSurface,
+    render::{Renderer, SharedPlan},
+    until::Until,
+    world::World,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -41,6 +47,7 @@ const TIMING: Out<Timing> = Out::new(TIMINGS, "timing", "Wall time to reach each
 const LATER: &[Later] = &[
     Later { pointer: "/until", before: Before::Null },
     Later { pointer: "/until/paths", before: Before::Integer(0) },
+    Later { pointer: "/until/samples", before: Before::Integer(64) },
     Later { pointer: "/integrator", before: Before::Text("path") },
     Later { pointer: "/gbuffer_surface", before: Before::Text("first") },
 ];
@@ -198,7 +205,13 @@ impl Kind for LadderRendering {
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
-        let work = SceneRender { ctx, scene: action.handle(SCENES)?, params: &action.params, world: OnceCell::new() };
+        let work = SceneRender {
+            ctx,
+            scene: action.handle(SCENES)?,
+            params: &action.params,
+            world: OnceCell::new(),
+            plan: SharedPlan::default(),
+        };
         let outputs = Outputs::default();
         if action.group == TIMINGS.name {
             Ok(outputs.put(TIMING, work.timing()?.store(ctx)?))
@@ -218,6 +231,7 @@ struct SceneRender<'a> {
     scene: Handle<'a, SceneRecord>,
     params: &'a LadderRenderingParams,
     world: OnceCell<World>,
+    plan: SharedPlan,
 }
 
 impl SceneRender<'_> {
@@ -237,7 +251,8 @@ impl SceneRender<'_> {
 
     fn renderer<'w>(&self, world: &'w World, stream: u64) -> Result<Renderer<'w>, KindError> {
         let renderer = Renderer::new(world, self.params.resolution, stream)?;
-        Ok(renderer.with_sampler(self.params.sampler).with_integrator(self.params.integrator))
+        let renderer = renderer.with_sampler(self.params.sampler).with_integrator(self.params.integrator);
+        Ok(renderer.sharing(&self.plan))
     }
 
     fn gbuffer(&self) -> Result<GBuffer, KindError> {
@@ -258,7 +273,8 @@ impl SceneRender<'_> {
         for round in 0..=self.params.repeats {
             let mut parts = Repeated::default();
             let world = parts.add(|| self.new_world())?;
-            let renderer = parts.add(|| self.renderer(&world, self.params.stream))?;
+            // Every round works out its own plan of light paths, which is part of the time.
+            let renderer = parts.add(|| self.renderer(&world, self.params.stream))?.sharing(&SharedPlan::default());
             let mut state = renderer.begin();
             for count in counts {
                 parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;

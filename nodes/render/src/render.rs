@@ -13,7 +13,7 @@ use crate::{
 };
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use tauflow_contract::KindError;
 use tauflow_data::{Image, IntegratorKind, Resolution, SamplerKind, records::GBuffer, scene::Scene};
 use tauflow_instructions::Instructions;
@@ -27,6 +27,10 @@ const TILE: usize = 16;
 /// Paths between looks at whether to stop.
 const CHUNK: u64 = 1 << 18;
 
+/// How light paths are traced, for renderers of one world, film and integrator: worked out by the first that needs it.
+#[derive(Clone, Default)]
+pub struct SharedPlan(Arc<OnceLock<Option<Plan>>>);
+
 /// A world, and the film to render it on.
 pub struct Renderer<'a> {
     world: &'a World,
@@ -36,7 +40,7 @@ pub struct Renderer<'a> {
     stream: u64,
     sampler: SamplerKind,
     integrator: Integrator,
-    plan: OnceLock<Option<Plan>>,
+    plan: SharedPlan,
     instructions: Instructions,
 }
 
@@ -56,7 +60,7 @@ impl<'a> Renderer<'a> {
             stream,
             sampler: SamplerKind::Independent,
             integrator: Integrator::default(),
-            plan: OnceLock::new(),
+            plan: SharedPlan::default(),
             instructions: Instructions::best(),
         })
     }
@@ -70,7 +74,13 @@ impl<'a> Renderer<'a> {
     /// The same, with another integrator.
     pub fn with_integrator(mut self, integrator: impl Into<Integrator>) -> Self {
         self.integrator = integrator.into();
-        self.plan = OnceLock::new();
+        self.plan = SharedPlan::default();
+        self
+    }
+
+    /// The same, with the plan of other renderers of this world, film and integrator; without effect on the result.
+    pub fn sharing(mut self, plan: &SharedPlan) -> Self {
+        self.plan = plan.clone();
         self
     }
 
@@ -194,11 +204,12 @@ impl<'a> Renderer<'a> {
 
     /// How light paths are traced, worked out once.
     fn plan(&self, which: Which) -> Option<&Plan> {
-        if self.plan.get().is_none() {
+        let SharedPlan(plan) = &self.plan;
+        if plan.get().is_none() {
             // Not within the lock: the paths by which it is worked out run on other threads, too.
-            let _ = self.plan.set(Plan::new(which, self.world, &self.camera, self.size())); // all are the same
+            let _ = plan.set(Plan::new(which, self.world, &self.camera, self.size())); // all are the same
         }
-        self.plan.get()?.as_ref()
+        plan.get()?.as_ref()
     }
 
     fn light_paths<'b>(&'b self, which: Which, plan: &'b Plan) -> LightPaths<'b> {
@@ -299,8 +310,10 @@ pub fn render_image(
 ) -> Result<Rendered, KindError> {
     let Setup { film, sampler, integrator, gbuffer_samples } = setup;
     let world = World::new(scene, load)?;
+    let plan = SharedPlan::default();
     let on = |stream| -> Result<Renderer<'_>, KindError> {
-        Ok(Renderer::new(&world, film, stream)?.with_sampler(sampler).with_integrator(integrator))
+        let renderer = Renderer::new(&world, film, stream)?;
+        Ok(renderer.with_sampler(sampler).with_integrator(integrator).sharing(&plan))
     };
     let renderer = on(0)?;
     watch(Stage::Ready)?;

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::ParamProblem;
 use tauflow_data::{
-    SamplerKind,
+    Image, SamplerKind,
     bins::{KEY, geometric_mean_luminance},
     rng::mix,
 };
@@ -18,10 +18,13 @@ use tauflow_data::{
 const DECIDES: u64 = 0x6465_6369_6465;
 /// Samples of the image for each of a stream that decides.
 const SHARE: u64 = 8;
-/// Samples that decide at least: fewer say little of a variance.
-const LEAST: u64 = 64;
-/// Paths of a stream that decide by default: a few pixels alone miss rare light.
-const LEAST_PATHS: u64 = 1 << 16;
+/// Samples of a pixel that decide at least by default: fewer have no variance.
+const LEAST: u64 = 2;
+/// Paths of a stream that decide by default: fewer miss rare light.
+const LEAST_PATHS: u64 = 1 << 18;
+/// Samples that a mean needs before a variance of other samples is divided by its square. A pixel of fewer, which has
+/// missed its light, would make a single bright sample count up to a hundred times as much.
+const FIRM: u64 = 64;
 /// Samples of an image after which darkness is believed.
 const DARK: u64 = 4096;
 /// The constant added to the square of an exposed mean: errors in shadow count less, because they are less visible.
@@ -37,26 +40,34 @@ pub struct Until {
     /// Samples per pixel at most.
     #[schemars(range(min = 1, max = 1_073_741_824))]
     pub at_most: u64,
-    /// Paths of each of the two streams that decide, at least. Where all of them are black, the error is unknown, and
-    /// the render goes on to 4096 samples. 0 decides by 64 samples, and takes a black image for accurate.
+    /// Paths over the film of each of the two streams that decide, at least. Where all of them are black, the error is
+    /// unknown, and the render goes on to 4096 samples. 0 takes a black image for accurate.
     #[serde(default = "Until::least_paths")]
     #[schemars(range(min = 0, max = 1_073_741_824))]
     pub paths: u64,
+    /// Samples per pixel of each of the two streams that decide, at least.
+    #[serde(default = "Until::least_samples")]
+    #[schemars(range(min = 2, max = 1_073_741_824))]
+    pub samples: u64,
 }
 
 impl Until {
     /// To this error, by so many samples at most.
     pub fn new(relative_error: f64, at_most: u64) -> Self {
-        Self { relative_error, at_most, paths: LEAST_PATHS }
+        Self { relative_error, at_most, paths: LEAST_PATHS, samples: LEAST }
     }
 
     fn least_paths() -> u64 {
         LEAST_PATHS
     }
 
+    fn least_samples() -> u64 {
+        LEAST
+    }
+
     /// How many samples of each of the two streams decide whether so many are enough.
     pub fn trial(&self, samples: u64, pixels: u64) -> u64 {
-        (samples / SHARE).max(LEAST).max(self.paths.div_ceil(pixels.max(1)))
+        (samples / SHARE).max(self.samples).max(self.paths.div_ceil(pixels.max(1)))
     }
 
     /// Its error, in a ladder with the given last rung.
@@ -156,10 +167,11 @@ pub(crate) fn is_black(state: &Accumulator) -> bool {
 ///
 /// Variances are of one of the two, and means of the other, each way round. A rare bright sample raises the variance
 /// and the mean of the pixel that it hits. By one render alone, an image of such pixels would seem accurate, though
-/// most pixels have yet to be hit.
+/// most pixels have yet to be hit. Means of fewer than 64 samples are averaged over a square of pixels that has as many.
 pub fn relative_error(by: [&Accumulator; 2], samples: u64) -> f64 {
     let (means, variances) = (by.map(Accumulator::mean), by.map(Accumulator::variance));
     let brightness: f64 = means.iter().map(|mean| 0.5 * geometric_mean_luminance(mean)).sum();
+    let means = [0, 1].map(|k| smooth(&means[k], reach(by[k].count)));
     let exposure = KEY / brightness;
     let (mut sum, mut count) = (0.0, 0u64);
     for (variance, mean) in [(&variances[0], &means[1]), (&variances[1], &means[0])] {
@@ -170,4 +182,76 @@ pub fn relative_error(by: [&Accumulator; 2], samples: u64) -> f64 {
         }
     }
     (sum / (count.max(1) as f64 * samples.max(1) as f64)).sqrt()
+}
+
+/// Pixels on each side of one that are averaged with it, so that the square has [`FIRM`] samples of each.
+fn reach(samples: u64) -> usize {
+    let side = (FIRM as f64 / samples.max(1) as f64).sqrt();
+    (0.5 * (side - 1.0)).ceil().max(0.0) as usize
+}
+
+/// The mean over the square around each pixel, as far as the square is in the image.
+fn smooth(image: &Image, reach: usize) -> Image {
+    if reach == 0 {
+        return image.clone();
+    }
+    along(&along(image, reach, true), reach, false)
+}
+
+/// The mean over the neighbours of each pixel in its row, or else in its column.
+fn along(image: &Image, reach: usize, rows: bool) -> Image {
+    let mut out = image.clone();
+    for y in 0..image.height() {
+        for x in 0..image.width() {
+            let (at, size) = if rows { (x, image.width()) } else { (y, image.height()) };
+            let near = at.saturating_sub(reach)..(at + reach + 1).min(size);
+            for channel in 0..image.channels() {
+                let value = |k: usize| f64::from(if rows { image.pixel(k, y) } else { image.pixel(x, k) }[channel]);
+                let sum: f64 = near.clone().map(value).sum();
+                out.pixel_mut(x, y)[channel] = (sum / near.len() as f64) as f32;
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_are_of_squares_with_enough_samples() {
+        for samples in [1u64, 2, 4, 7, 16, 63] {
+            let side = 2 * reach(samples) as u64 + 1;
+            assert!(side * side * samples >= FIRM && (side - 2).pow(2) * samples < FIRM, "{samples}: {side}");
+        }
+        assert_eq!((reach(64), reach(4096)), (0, 0));
+        let image = Image::from_data(3, 2, 1, vec![1.0, 2.0, 6.0, 3.0, 4.0, 8.0]).expect("six values");
+        // Squares end at the border.
+        assert_eq!(smooth(&image, 1).data(), [2.5, 4.0, 5.0, 2.5, 4.0, 5.0]);
+        assert_eq!(smooth(&image, 9).data(), [4.0; 6]);
+        assert_eq!(smooth(&image, 0), image);
+    }
+
+    #[test]
+    fn a_missed_light_does_not_make_a_bright_sample_count_more() {
+        // Four samples of each pixel. In one of 64 pixels, one stream has a bright sample where the other has none.
+        let film = |bright: f32| {
+            let mut film = Accumulator::new(8, 8);
+            for index in 0..4 {
+                film.pixels.iter_mut().for_each(|pixel| pixel.add(index, [0.2 * (index % 2) as f32; 3]));
+            }
+            film.pixels[27] = crate::accumulator::Pixel::default();
+            (0..4).for_each(|index| film.pixels[27].add(index, [if index == 0 { bright } else { 0.0 }; 3]));
+            film.count = 4;
+            film
+        };
+        let (with, without) = (film(4.0), film(0.0));
+        let error = relative_error([&with, &without], 4);
+        let known = 0.1 * KEY / 0.1;
+        let of = |variance: f64| variance * (KEY / 0.1).powi(2) / (known * known + FLOOR);
+        // Variances of a sample: 1/75 in 63 pixels of both, and 4 in one pixel of one of them, whose mean is about 0.1.
+        let expected = ((126.0 * of(0.04 / 3.0) + of(4.0)) / 128.0 / 4.0).sqrt();
+        assert!((error / expected - 1.0).abs() < 0.15, "{error} {expected}");
+    }
 }

@@ -38,7 +38,7 @@ fn params(counts: &[u64], until: Option<Until>) -> LadderRenderingParams {
 }
 
 fn asked(relative_error: f64, at_most: u64) -> Option<Until> {
-    Some(Until { relative_error, at_most, paths: 0 })
+    Some(Until { relative_error, at_most, paths: 0, samples: 64 })
 }
 
 /// A ladder, and how many samples each of the image and of the decision cost.
@@ -79,7 +79,7 @@ fn a_tighter_target_goes_on_from_what_there_is() {
     let (tight, steps) = run(&blobs, &built, params(&[8], asked(0.03, 65536)));
     let (from, to) = (loose.meta.counts[1], tight.meta.counts[1]);
     assert!(to >= 2 * from, "{from}, {to}");
-    let by = Until { relative_error: 0.03, at_most: 65536, paths: 0 };
+    let by = Until { relative_error: 0.03, at_most: 65536, paths: 0, samples: 64 };
     let of = |what: &str| -> Vec<u64> { steps.iter().filter(|s| s.0.contains(what)).map(|s| s.1).collect() };
     assert_eq!(of("samples per pixel"), [vec![to - from], of("decide")].concat(), "{steps:?}");
     assert!(of("decide").iter().all(|count| *count > by.trial(from, 192) && *count <= by.trial(to, 192)), "{steps:?}");
@@ -107,31 +107,30 @@ fn easy_scenes_stop_early_and_hopeless_ones_at_the_most() {
 
 #[test]
 fn the_error_is_the_one_that_is_promised() {
-    // Two pixels of known samples: means 1 and 3, variances of single samples 2 and 0.
+    // Two pixels of 64 known samples: means 1 and 3, variances of single samples 64/63 and 0.
     let mut by = Accumulator::new(2, 1);
-    for (index, sample) in [(0, 0.0), (1, 2.0)] {
-        by.pixels[0].add(index, [sample; 3]);
+    for index in 0..64 {
+        by.pixels[0].add(index, [2.0 * (index % 2) as f32; 3]);
         by.pixels[1].add(index, [3.0; 3]);
     }
-    by.count = 2;
+    by.count = 64;
     let exposure = 0.18 / geometric_mean_luminance(&by.mean());
-    let expected = (0.5 * (2.0 * exposure * exposure / (exposure * exposure + 0.01)) / 8.0).sqrt();
+    let expected = (0.5 * (64.0 / 63.0 * exposure * exposure / (exposure * exposure + 0.01)) / 8.0).sqrt();
     assert!((relative_error([&by; 2], 8) / expected - 1.0).abs() < 1e-6);
     assert_eq!(relative_error([&Accumulator::new(2, 1); 2], 8), 0.0, "black has no error");
     // Variances are of one, means of the other: a bright sample that one of them has makes neither seem accurate.
     let calm = {
         let mut calm = Accumulator::new(2, 1);
-        for index in 0..2 {
+        for index in 0..64 {
             calm.pixels.iter_mut().for_each(|pixel| pixel.add(index, [0.1; 3]));
         }
-        calm.count = 2;
+        calm.count = 64;
         calm
     };
     let lucky = {
         let mut lucky = calm.clone();
         lucky.pixels[0] = Pixel::default();
-        lucky.pixels[0].add(0, [0.1; 3]);
-        lucky.pixels[0].add(1, [100.0; 3]);
+        (0..64).for_each(|index| lucky.pixels[0].add(index, [if index == 63 { 100.0 } else { 0.1 }; 3]));
         lucky
     };
     assert!(relative_error([&lucky, &calm], 8) > 3.0 * relative_error([&lucky; 2], 8));
@@ -170,7 +169,7 @@ fn promises_are_held_and_stopping_moves_no_mean() {
         let mut stopped = Vec::new();
         for stream in 0..streams {
             let [a, b] = deciding(stream);
-            let until = Until { relative_error: target, at_most: u64::MAX, paths: 0 };
+            let until = Until { relative_error: target, at_most: u64::MAX, paths: 0, samples: 64 };
             let trial = |samples| until.trial(samples, 192);
             let by = |samples| -> [Accumulator; 2] { [render(a, trial(samples)), render(b, trial(samples))] };
             let error = |samples| Ok::<f64, ()>(relative_error(by(samples).each_ref(), samples));
@@ -248,9 +247,9 @@ fn unlit() -> Built {
 
 #[test]
 fn few_pixels_and_dark_images_are_not_taken_for_accurate() {
-    // One pixel is decided by as many paths as a film of 65,536.
+    // One pixel is decided by as many paths as a film of 262,144.
     let until = Until::new(0.1, 1 << 20);
-    assert_eq!([until.trial(8, 1), until.trial(8, 1 << 20), until.trial(1 << 20, 1)], [1 << 16, 64, 1 << 17]);
+    assert_eq!([until.trial(8, 1), until.trial(8, 1 << 20), until.trial(1 << 22, 1)], [1 << 18, 2, 1 << 19]);
     // Without light the error is unknown, and darkness is believed after a while.
     let (built, mut seen) = (unlit(), 0);
     let setup = Setup::new(film(4, 4));
@@ -262,7 +261,7 @@ fn few_pixels_and_dark_images_are_not_taken_for_accurate() {
     assert!(seen > 2 && found.image.data().iter().all(|v| *v == 0.0));
     assert_eq!((found.stats.error, found.stats.samples), (None, 4096));
     let ladder = |paths| {
-        let until = Some(Until { relative_error: 0.1, at_most: 1 << 20, paths });
+        let until = Some(Until { relative_error: 0.1, at_most: 1 << 20, paths, samples: 64 });
         run(&MemoryBlobs::default(), &built, LadderRenderingParams { resolution: film(4, 4), ..params(&[2], until) }).0
     };
     let (dark, before) = (ladder(1), ladder(0));
@@ -282,8 +281,9 @@ fn params_that_came_later_leave_keys_as_they_were() {
     assert_eq!(keyed(json!({})), before);
     assert_eq!(keyed(json!({ "integrator": "path", "until": null })), before);
     assert_eq!(keyed(json!({ "integrator": "bidirectional" }))["integrator"], "bidirectional");
-    let until = |paths: u64| json!({ "until": { "relative_error": 0.1, "at_most": 64, "paths": paths } });
-    assert_eq!(keyed(until(0))["until"], json!({ "relative_error": 0.1, "at_most": 64 }));
-    assert_eq!(keyed(until(65536)), keyed(json!({ "until": { "relative_error": 0.1, "at_most": 64 } })));
-    assert_eq!(keyed(until(65536))["until"]["paths"], 65536);
+    let until = |paths: u64, samples: u64| json!({ "until": { "relative_error": 0.1, "at_most": 64, "paths": paths, "samples": samples } });
+    assert_eq!(keyed(until(0, 64))["until"], json!({ "relative_error": 0.1, "at_most": 64 }));
+    assert_eq!(keyed(until(65536, 64))["until"], json!({ "relative_error": 0.1, "at_most": 64, "paths": 65536 }));
+    assert_eq!(keyed(until(1 << 18, 2)), keyed(json!({ "until": { "relative_error": 0.1, "at_most": 64 } })));
+    assert_eq!(keyed(until(1 << 18, 2))["until"]["samples"], 2);
 }
