@@ -167,7 +167,7 @@ pub(crate) fn is_black(state: &Accumulator) -> bool {
 ///
 /// Variances are of one of the two, and means of the other, each way round. A rare bright sample raises the variance
 /// and the mean of the pixel that it hits. By one render alone, an image of such pixels would seem accurate, though
-/// most pixels have yet to be hit. Means of fewer than 64 samples are averaged over a square of pixels that has as many.
+/// most pixels have yet to be hit. Means of fewer than 64 samples are averaged over a square of pixels with as many.
 pub fn relative_error(by: [&Accumulator; 2], samples: u64) -> f64 {
     let (means, variances) = (by.map(Accumulator::mean), by.map(Accumulator::variance));
     let brightness: f64 = means.iter().map(|mean| 0.5 * geometric_mean_luminance(mean)).sum();

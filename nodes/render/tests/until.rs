@@ -281,7 +281,10 @@ fn params_that_came_later_leave_keys_as_they_were() {
     assert_eq!(keyed(json!({})), before);
     assert_eq!(keyed(json!({ "integrator": "path", "until": null })), before);
     assert_eq!(keyed(json!({ "integrator": "bidirectional" }))["integrator"], "bidirectional");
-    let until = |paths: u64, samples: u64| json!({ "until": { "relative_error": 0.1, "at_most": 64, "paths": paths, "samples": samples } });
+    let until = |paths: u64, samples: u64| {
+        let until = json!({ "relative_error": 0.1, "at_most": 64, "paths": paths, "samples": samples });
+        json!({ "until": until })
+    };
     assert_eq!(keyed(until(0, 64))["until"], json!({ "relative_error": 0.1, "at_most": 64 }));
     assert_eq!(keyed(until(65536, 64))["until"], json!({ "relative_error": 0.1, "at_most": 64, "paths": 65536 }));
     assert_eq!(keyed(until(1 << 18, 2)), keyed(json!({ "until": { "relative_error": 0.1, "at_most": 64 } })));
