@@ -253,7 +253,8 @@ def long_lines(path, source):
 
 def cells(line):
     """Number of cells of a row. Bars within code count unless they are escaped, as on GitHub."""
-    return len(re.findall(r"(?<!\\)\|", line.strip().strip("|"))) + 1
+    row = re.sub(r"^\||(?<!\\)\|$", "", line.strip())
+    return len(re.findall(r"(?<!\\)\|", row)) + 1
 
 
 def ragged_rows(source):
@@ -357,6 +358,7 @@ def self_test():
         (list(long_lines("a.md", "- [text](https://" + "x" * 120 + ").")), []),
         (list(long_lines("a.rs", "    // https://" + "x" * 120)), []),
         (list(ragged_rows("| a | b |\n|---|---|\n| `x \\| y` | 1 |\n| | |\n| 1 |")), [(5, 1, 2)]),
+        (list(ragged_rows("| a | b |\n|---|---|\n|1||\n||2|")), []),
         (list(ragged_rows("| a |\n|---|\n| 1 | 2 |\n\n| b | c |\n|---|---|\n| 3 | 4 |")), [(3, 2, 1)]),
         (list(ragged_rows("```\n| a | b |\n| 1 |\n```")), []),
     ]

@@ -16,7 +16,7 @@ use tauflow_contract::{
     Action, All, Context, Foreseen, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
 };
 use tauflow_data::{
-    StratumName, facts,
+    SamplerKind, StratumName, facts,
     maths::{exp, log},
     records::{AgainstLaw, Convergence, ConvergenceRow, Estimate, Exposure, Ladder, SceneConvergence, shares_samples},
     rng::Stream,
@@ -47,7 +47,7 @@ impl Kind for ConvergenceKind {
     fn spec() -> KindSpec {
         KindSpec {
             name: "convergence",
-            summary: "Tests whether ladders obey the variance law, with held-out references.",
+            summary: "Measures how errors of ladders fall, and tests the variance law, with held-out references.",
             manual: include_str!("convergence.md"),
             mode: Mode::Gather,
             inputs: vec![REFERENCES.port(), LADDERS.port(), EXPOSURE.port()],
@@ -60,7 +60,6 @@ impl Kind for ConvergenceKind {
         let (references, ladders) = (known.all(REFERENCES), known.all(LADDERS));
         let mut problems: Vec<Foreseen> = Vec::new();
         problems.extend(references.iter().find_map(|of| facts::independent(REFERENCES, of)));
-        problems.extend(ladders.iter().find_map(|of| facts::independent(LADDERS, of)));
         if let [first, ..] = ladders {
             problems.extend(ladders.iter().find_map(|of| facts::same_rungs(LADDERS, of, first)));
         }
@@ -73,7 +72,7 @@ impl Kind for ConvergenceKind {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let references = action.all(REFERENCES)?;
         let (ladders, exposures) = (action.all(LADDERS)?, action.all(EXPOSURE)?);
-        let mut counts: Option<(Vec<u64>, u64)> = None;
+        let mut counts: Option<(Vec<u64>, u64, SamplerKind)> = None;
         let mut scenes: Vec<Measured> = Vec::new();
         for (done, (key, of_reference)) in references.iter().enumerate() {
             ctx.check_cancelled()?;
@@ -81,17 +80,18 @@ impl Kind for ConvergenceKind {
             let (reference, ladder) = (of_reference.load(ctx)?, of_ladder.load(ctx)?);
             let exposure = exposures.need(EXPOSURE, key, REFERENCES.name())?.load(ctx)?;
             let spp = reference.meta.counts.last().copied().unwrap_or_default();
-            let (first, expected) = counts.get_or_insert_with(|| (ladder.meta.counts.clone(), spp));
-            if (&*first, *expected) != (&ladder.meta.counts, spp) {
+            let sampler = ladder.meta.sampler;
+            let (first, expected, same) = counts.get_or_insert_with(|| (ladder.meta.counts.clone(), spp, sampler));
+            if (&*first, *expected, *same) != (&ladder.meta.counts, spp, sampler) {
                 return Err(KindError::Input(format!(
-                    "the ladder or reference of `{key}` has different rungs than the first; connect ladders with the \
-                    same `rungs`"
+                    "the ladder or reference of `{key}` has different rungs or another sampler than the first; connect \
+                    ladders with the same `rungs` and `sampler`"
                 )));
             }
-            if !(ladder.meta.sampler.is_independent() && reference.meta.sampler.is_independent()) {
+            if !reference.meta.sampler.is_independent() {
                 return Err(KindError::Input(format!(
-                    "the samples of `{key}` are correlated, so their variance does not predict the error of means; \
-                    render ladder and reference with `sampler: independent`"
+                    "the samples of the reference of `{key}` are correlated, so their variance does not predict its \
+                    error; render references with `sampler: independent`"
                 )));
             }
             // Streams differ in what they estimate, unless there is no noise to estimate.
@@ -105,7 +105,7 @@ impl Kind for ConvergenceKind {
             scenes.push(measure(key.as_str(), &ladder, &reference, exposure.factor, &mut stream)?);
             ctx.progress(done as u64 + 1, references.len() as u64, "");
         }
-        let (counts, reference_spp) =
+        let (counts, reference_spp, sampler) =
             counts.ok_or_else(|| KindError::Input("there are no references to measure by".into()))?;
         ctx.check_cancelled()?;
         let mut stream = Stream::new(action.seed, &[]).part("rows");
@@ -138,6 +138,7 @@ impl Kind for ConvergenceKind {
             sde,
             reference_spp,
             counts,
+            sampler,
         };
         Outputs::default().put_one(CONVERGENCE, CONVERGENCE.name(), result.store(ctx)?)
     }
@@ -150,7 +151,8 @@ fn of_scene(scene: &Measured, counts: &[u64]) -> SceneConvergence {
     let reasons = flags(scene);
     let ratio = |(mse, n): (&f64, &u64)| mse * *n as f64 / scene.variance;
     // Pixels that have no more than rounding have no law either.
-    let image: Vec<f64> = if scene.noisy { scene.mse.iter().zip(counts).map(ratio).collect() } else { Vec::new() };
+    let image: Vec<f64> =
+        if scene.noisy && scene.independent { scene.mse.iter().zip(counts).map(ratio).collect() } else { Vec::new() };
     SceneConvergence {
         scene: scene.scene.clone(),
         slope: scene.slope,
@@ -160,7 +162,11 @@ fn of_scene(scene: &Measured, counts: &[u64]) -> SceneConvergence {
         tail_index: scene.tail_index,
         tail_share: scene.tail_share,
         trusted_from: trust::trusted_from(counts, &off_normal),
-        trust: trust::words(counts, &off_normal, &image),
+        trust: if scene.independent || !scene.noisy {
+            trust::words(counts, &off_normal, &image)
+        } else {
+            "none: samples are correlated".into()
+        },
         off_normal,
         image_from: trust::image_from(counts, &image),
         image,

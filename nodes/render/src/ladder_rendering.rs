@@ -249,16 +249,16 @@ impl SceneRender<'_> {
         Ok(self.world.get_or_init(|| world))
     }
 
-    fn renderer<'w>(&self, world: &'w World, stream: u64) -> Result<Renderer<'w>, KindError> {
+    fn renderer<'w>(&self, world: &'w World, stream: u64, plan: &SharedPlan) -> Result<Renderer<'w>, KindError> {
         let renderer = Renderer::new(world, self.params.resolution, stream)?;
         let renderer = renderer.with_sampler(self.params.sampler).with_integrator(self.params.integrator);
-        Ok(renderer.sharing(&self.plan))
+        Ok(renderer.sharing(plan))
     }
 
     fn gbuffer(&self) -> Result<GBuffer, KindError> {
         let samples = self.params.gbuffer_samples;
         let of = (self.params.stream, self.params.gbuffer_surface);
-        self.renderer(self.world()?, self.params.stream)?.gbuffer(of, samples, &mut |done| {
+        self.renderer(self.world()?, self.params.stream, &self.plan)?.gbuffer(of, samples, &mut |done| {
             self.ctx.progress(done, samples, "gbuffer");
             self.ctx.check_cancelled()
         })
@@ -274,7 +274,7 @@ impl SceneRender<'_> {
             let mut parts = Repeated::default();
             let world = parts.add(|| self.new_world())?;
             // Every round works out its own plan of light paths, which is part of the time.
-            let renderer = parts.add(|| self.renderer(&world, self.params.stream))?.sharing(&SharedPlan::default());
+            let renderer = parts.add(|| self.renderer(&world, self.params.stream, &SharedPlan::default()))?;
             let mut state = renderer.begin();
             for count in counts {
                 parts.add(|| renderer.advance(&mut state, *count, &mut |_| self.ctx.check_cancelled()))?;
@@ -400,7 +400,7 @@ impl SceneRender<'_> {
                 continue;
             }
             if made.is_none() {
-                made = Some(self.renderer(self.world()?, stream)?);
+                made = Some(self.renderer(self.world()?, stream, &self.plan)?);
             }
             let Some(renderer) = &made else { continue };
             let known = self.nearest_state(stream, *count, counts)?;
@@ -438,7 +438,7 @@ impl SceneRender<'_> {
             if state.count == trial {
                 return Ok(());
             }
-            self.renderer(self.world()?, stream)?.advance(state, trial, &mut |done| {
+            self.renderer(self.world()?, stream, &self.plan)?.advance(state, trial, &mut |done| {
                 self.ctx.progress(done, trial, "samples per pixel that decide");
                 self.ctx.check_cancelled()
             })?;
@@ -456,7 +456,7 @@ impl SceneRender<'_> {
         images: &mut BTreeMap<u64, Digest>,
     ) -> Result<Accumulator, KindError> {
         let stream = self.params.stream;
-        let renderer = self.renderer(self.world()?, stream)?;
+        let renderer = self.renderer(self.world()?, stream, &self.plan)?;
         let mut state = state.unwrap_or_else(|| renderer.begin());
         let begun = state.count;
         let dyadic = (0..63).map(|i| 1u64 << i).take_while(|count| *count < last);

@@ -5,6 +5,7 @@
 //! of samples.
 
 use crate::accumulator::Accumulator;
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::ParamProblem;
@@ -27,6 +28,8 @@ const LEAST_PATHS: u64 = 1 << 18;
 const FIRM: u64 = 64;
 /// Samples of an image after which darkness is believed.
 const DARK: u64 = 4096;
+/// Exposed radiance above which a mean is not averaged with those around it.
+const BRIGHT: f64 = 1.0;
 /// The constant added to the square of an exposed mean: errors in shadow count less, because they are less visible.
 const FLOOR: f64 = 0.01;
 
@@ -67,7 +70,7 @@ impl Until {
 
     /// How many samples of each of the two streams decide whether so many are enough.
     pub fn trial(&self, samples: u64, pixels: u64) -> u64 {
-        (samples / SHARE).max(self.samples).max(self.paths.div_ceil(pixels.max(1)))
+        (samples / SHARE).max(self.samples.max(LEAST)).max(self.paths.div_ceil(pixels.max(1)))
     }
 
     /// Its error, in a ladder with the given last rung.
@@ -136,6 +139,8 @@ impl Until {
     ) -> Result<(u64, f64), E> {
         let mut states = [begin(), begin()];
         let pixels = states[0].pixels.len() as u64;
+        // What the states say, until they have more samples.
+        let mut known: Option<(u64, (f64, u64))> = None;
         self.stop(first, |samples| {
             let trial = self.trial(samples, pixels);
             for (state, stream) in states.iter_mut().zip(deciding(stream)) {
@@ -146,7 +151,12 @@ impl Until {
             if self.paths > 0 && states.iter().all(is_black) {
                 return Ok(f64::INFINITY);
             }
-            Ok(relative_error([&states[0], &states[1]], samples))
+            let found = match known {
+                Some((count, found)) if count == states[0].count => found,
+                _ => squares([&states[0], &states[1]]),
+            };
+            known = Some((states[0].count, found));
+            Ok(expected(found, samples))
         })
     }
 }
@@ -167,21 +177,35 @@ pub(crate) fn is_black(state: &Accumulator) -> bool {
 ///
 /// Variances are of one of the two, and means of the other, each way round. A rare bright sample raises the variance
 /// and the mean of the pixel that it hits. By one render alone, an image of such pixels would seem accurate, though
-/// most pixels have yet to be hit. Means of fewer than 64 samples are averaged over a square of pixels with as many.
+/// most pixels have yet to be hit. Means of fewer than 64 samples are averaged over a square of pixels that has as
+/// many, as far as it is in the image. What is brighter than 1 there counts as 1, and keeps its own mean.
 pub fn relative_error(by: [&Accumulator; 2], samples: u64) -> f64 {
+    expected(squares(by), samples)
+}
+
+/// The error of so many samples, by a mean of squares for one.
+fn expected((sum, count): (f64, u64), samples: u64) -> f64 {
+    (sum / (count.max(1) as f64 * samples.max(1) as f64)).sqrt()
+}
+
+/// The sum of the squares of relative errors of single samples, and of how many values.
+fn squares(by: [&Accumulator; 2]) -> (f64, u64) {
     let (means, variances) = (by.map(Accumulator::mean), by.map(Accumulator::variance));
     let brightness: f64 = means.iter().map(|mean| 0.5 * geometric_mean_luminance(mean)).sum();
-    let means = [0, 1].map(|k| smooth(&means[k], reach(by[k].count)));
     let exposure = KEY / brightness;
     let (mut sum, mut count) = (0.0, 0u64);
-    for (variance, mean) in [(&variances[0], &means[1]), (&variances[1], &means[0])] {
-        for (v, m) in variance.data().iter().zip(mean.data()) {
-            let m = f64::from(*m) * exposure;
+    for (variance, mean, reach) in
+        [(&variances[0], &means[1], reach(by[1].count)), (&variances[1], &means[0], reach(by[0].count))]
+    {
+        let smooth = (reach > 0).then(|| smooth(&dimmed(mean, exposure), reach));
+        for (at, (v, m)) in variance.data().iter().zip(mean.data()).enumerate() {
+            let own = f64::from(*m) * exposure;
+            let m = smooth.as_ref().filter(|_| own <= BRIGHT).map_or(own, |smooth| f64::from(smooth.data()[at]));
             sum += f64::from(*v) * exposure * exposure / (m * m + FLOOR);
             count += 1;
         }
     }
-    (sum / (count.max(1) as f64 * samples.max(1) as f64)).sqrt()
+    (sum, count)
 }
 
 /// Pixels on each side of one that are averaged with it, so that the square has [`FIRM`] samples of each.
@@ -190,28 +214,33 @@ fn reach(samples: u64) -> usize {
     (0.5 * (side - 1.0)).ceil().max(0.0) as usize
 }
 
+/// The exposed image without what is bright: lamps and skies are no measure of the pixels beside them.
+fn dimmed(image: &Image, exposure: f64) -> Image {
+    let mut out = image.clone();
+    out.data_mut().iter_mut().for_each(|value| *value = (f64::from(*value) * exposure).min(BRIGHT) as f32);
+    out
+}
+
 /// The mean over the square around each pixel, as far as the square is in the image.
 fn smooth(image: &Image, reach: usize) -> Image {
-    if reach == 0 {
-        return image.clone();
-    }
     along(&along(image, reach, true), reach, false)
 }
 
 /// The mean over the neighbours of each pixel in its row, or else in its column.
 fn along(image: &Image, reach: usize, rows: bool) -> Image {
     let mut out = image.clone();
-    for y in 0..image.height() {
-        for x in 0..image.width() {
-            let (at, size) = if rows { (x, image.width()) } else { (y, image.height()) };
+    let (width, height, channels) = (image.width(), image.height(), image.channels());
+    out.data_mut().par_chunks_mut((width * channels).max(1)).enumerate().for_each(|(y, row)| {
+        for (x, pixel) in row.chunks_mut(channels).enumerate() {
+            let (at, size) = if rows { (x, width) } else { (y, height) };
             let near = at.saturating_sub(reach)..(at + reach + 1).min(size);
-            for channel in 0..image.channels() {
+            for (channel, mean) in pixel.iter_mut().enumerate() {
                 let value = |k: usize| f64::from(if rows { image.pixel(k, y) } else { image.pixel(x, k) }[channel]);
                 let sum: f64 = near.clone().map(value).sum();
-                out.pixel_mut(x, y)[channel] = (sum / near.len() as f64) as f32;
+                *mean = (sum / near.len() as f64) as f32;
             }
         }
-    }
+    });
     out
 }
 
@@ -230,7 +259,7 @@ mod tests {
         // Squares end at the border.
         assert_eq!(smooth(&image, 1).data(), [2.5, 4.0, 5.0, 2.5, 4.0, 5.0]);
         assert_eq!(smooth(&image, 9).data(), [4.0; 6]);
-        assert_eq!(smooth(&image, 0), image);
+        assert_eq!(dimmed(&image, 0.5).data(), [0.5, 1.0, 1.0, 1.0, 1.0, 1.0]);
     }
 
     #[test]
@@ -253,5 +282,14 @@ mod tests {
         // Variances of a sample: 1/75 in 63 pixels of both, and 4 in one pixel of one of them, whose mean is about 0.1.
         let expected = ((126.0 * of(0.04 / 3.0) + of(4.0)) / 128.0 / 4.0).sqrt();
         assert!((error / expected - 1.0).abs() < 0.15, "{error} {expected}");
+        // Nor does a lamp make the pixels beside it seem accurate.
+        let lit = |bright: bool| {
+            let mut film = film(0.0);
+            film.pixels[36] = crate::accumulator::Pixel::default();
+            (0..4).for_each(|index| film.pixels[36].add(index, [if bright { 1e4 } else { 0.1 }; 3]));
+            film
+        };
+        let [dark, beside] = [false, true].map(|bright| relative_error([&lit(bright); 2], 4));
+        assert!((beside / dark - 1.0).abs() < 0.3, "{dark} {beside}");
     }
 }

@@ -10,7 +10,7 @@ use std::{
 };
 use tauflow_contract::{Action, Artifact, Context, Kind, KindRow, Media, MemoryBlobs, NodeKind, Progress};
 use tauflow_data::{
-    Image, Rungs, SamplerKind,
+    Image, IntegratorKind, Rungs, SamplerKind,
     records::{Ladder, SceneRecord},
 };
 use tauflow_render::{
@@ -18,7 +18,7 @@ use tauflow_render::{
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     quality_gate::geometric_mean_luminance,
     render::{Goal, RenderStats, Renderer, Setup, render_image},
-    until::{Until, deciding, relative_error},
+    until::{Until, relative_error},
     world::World,
 };
 
@@ -70,6 +70,19 @@ fn a_ladder_ends_where_it_is_accurate_enough_and_has_the_samples_of_any_other() 
         assert_eq!((&fixed.rungs, &fixed.variance), (&ladder.rungs, &ladder.variance), "the same samples");
         assert_eq!(fixed.meta.estimated_error, None);
     }
+}
+
+#[test]
+fn light_paths_of_streams_that_decide_are_those_of_any_other() {
+    let integrator = IntegratorKind::Bidirectional;
+    let of = |counts: &[u64], until| {
+        let params = LadderRenderingParams { integrator, ..params(counts, until) };
+        run(&MemoryBlobs::default(), &room(), params).0
+    };
+    let stopped = of(&[4], asked(0.1, 65536));
+    let fixed = of(&stopped.meta.counts, None);
+    assert!(stopped.meta.counts.len() == 2, "{:?}", stopped.meta);
+    assert_eq!((&fixed.rungs, &fixed.variance), (&stopped.rungs, &stopped.variance));
 }
 
 #[test]
@@ -156,26 +169,36 @@ fn true_error(image: &Image, reference: &Image) -> f64 {
 
 #[test]
 fn promises_are_held_and_stopping_moves_no_mean() {
-    for built in [balls_under_sky(), room()] {
+    // By 64 samples per pixel or more, and by two or more of a larger film.
+    for (built, width, height, least, target, streams, reference) in [
+        (balls_under_sky(), 16, 12, 64, 0.1, 32u64, 16384),
+        (room(), 16, 12, 64, 0.1, 32, 16384),
+        (balls_under_sky(), 64, 48, 2, 0.2, 8, 1024),
+        (room(), 64, 48, 2, 0.2, 8, 1024),
+    ] {
         let world = World::new(&built.scene, &mut |d| built.load(d)).expect("sound");
         let render = |stream: u64, count: u64| {
-            let renderer = Renderer::new(&world, film(16, 12), stream).expect("a camera");
+            let renderer = Renderer::new(&world, film(width, height), stream).expect("a camera");
             let mut state = renderer.begin();
             renderer.advance(&mut state, count, &mut |_| Ok(())).expect("nobody stops it");
             state
         };
-        let reference = render(1 << 40, 16384).mean();
-        let (target, streams) = (0.1, 32u64);
-        let mut stopped = Vec::new();
+        let reference_samples = reference;
+        let reference = render(1 << 40, reference).mean();
+        let (mut stopped, mut decided) = (Vec::new(), 0);
         for stream in 0..streams {
-            let [a, b] = deciding(stream);
-            let until = Until { relative_error: target, at_most: u64::MAX, paths: 0, samples: 64 };
-            let trial = |samples| until.trial(samples, 192);
-            let by = |samples| -> [Accumulator; 2] { [render(a, trial(samples)), render(b, trial(samples))] };
-            let error = |samples| Ok::<f64, ()>(relative_error(by(samples).each_ref(), samples));
-            let (stop, _) = until.stop(4, error).expect("nothing fails");
+            let until = Until { relative_error: target, at_most: 1 << 20, paths: 1, samples: least };
+            let begin = || Accumulator::new(width as usize, height as usize);
+            let advance = |state: &mut Accumulator, stream, trial| {
+                decided += trial - state.count;
+                *state = render(stream, trial);
+                Ok::<(), ()>(())
+            };
+            let (stop, _) = until.decide(stream, 1, begin, advance).expect("nothing fails");
             stopped.push(render(stream, stop));
         }
+        let samples: u64 = stopped.iter().map(|state| state.count).sum();
+        assert!(decided <= (samples / 4).max(2 * least * streams), "{decided} {samples}");
         let held = stopped.iter().filter(|state| true_error(&state.mean(), &reference) <= 1.2 * target).count();
         assert!(10 * held >= 9 * stopped.len(), "{held} of {streams}");
         // The mean over streams against the reference: no bias by when they stopped.
@@ -184,8 +207,8 @@ fn promises_are_held_and_stopping_moves_no_mean() {
         let mean = means.iter().sum::<f64>() / streams as f64;
         let variance = means.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (streams * (streams - 1)) as f64;
         let expected: f64 = reference.data().iter().map(|v| f64::from(*v)).sum();
-        // The reference has 16,384 samples; its own error is that of the samples, over so many.
-        let own = variance * (streams * stopped[0].count) as f64 / 16384.0;
+        // The reference's own error is that of the samples, over so many.
+        let own = variance * samples as f64 / reference_samples as f64;
         let z = (mean - expected) / (variance + own).sqrt();
         assert!(z.abs() < 4.0, "z = {z}");
     }

@@ -1,6 +1,7 @@
 //! How real ladders keep to the law of variance time, as `convergence` hands it on.
 
 use super::Estimate;
+use crate::SamplerKind;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::json_media;
 
@@ -24,6 +25,9 @@ pub struct Convergence {
     pub reference_spp: u64,
     /// Sample counts of the rungs.
     pub counts: Vec<u64>,
+    /// How the samples of the ladders were drawn. Only independent ones have moments, and the SDE beside them.
+    #[serde(default, skip_serializing_if = "SamplerKind::is_independent")]
+    pub sampler: SamplerKind,
     /// All scenes.
     pub overall: ConvergenceRow,
     /// By stratum.
@@ -125,7 +129,8 @@ pub struct ConvergenceRow {
     /// Geometric mean of the RMSE of each rung, exposed linear radiance, the reference's own noise taken off, over the
     /// scenes with noise for which the rung is not unresolved; 0 if it is for all. Empty if no scene has noise.
     pub rmse: Vec<f64>,
-    /// The same, over the same scenes, as the law has it from the samples' own variance: sqrt(sigma^2/n).
+    /// The same, over the same scenes, as the law has it from the samples' own variance: sqrt(sigma^2/n). It is the
+    /// error of as many independent samples, however those of the ladders were drawn.
     pub law: Vec<f64>,
     /// Mean over scenes of the slope of log RMSE on log n, with its interval; the law says -1/2. Both scenes and their
     /// blocks of pixels are resampled, so that the interval of a single scene is that over its pixels. None if no scene

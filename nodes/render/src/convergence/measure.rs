@@ -23,6 +23,8 @@ pub(super) struct Measured {
     pub(super) scene: String,
     /// Whether samples vary by more than rounding: nothing else has a law, or a slope.
     pub(super) noisy: bool,
+    /// Whether samples are independent: nothing else has moments.
+    pub(super) independent: bool,
     /// Mean square error of each rung; may be negative, as the reference's own noise is taken off.
     pub(super) mse: Vec<f64>,
     /// Rungs whose mean square error is not positive; 0 without noise.
@@ -33,7 +35,7 @@ pub(super) struct Measured {
     pub(super) slope: Option<Estimate>,
     /// Slopes of resampled blocks of pixels, which the interval is of; at least one if there is a slope.
     pub(super) slopes: Vec<f64>,
-    /// None if no pixel varies by more than rounding.
+    /// None if samples are correlated, or no pixel varies by more than rounding.
     pub(super) moments: Option<Moments>,
     pub(super) tail_index: Option<f64>,
     pub(super) tail_share: f64,
@@ -96,8 +98,10 @@ pub(super) fn measure(
         chosen.for_each(|block| sums.iter_mut().zip(&blocks[block]).for_each(|(sum, v)| *sum += v));
         sums
     };
-    let moments = moments(ladder, reference);
-    let noisy = moments.is_some() && variance > 0.0;
+    let independent = ladder.meta.sampler.is_independent();
+    let moments = if independent { moments(ladder, reference) } else { None };
+    let varies = || (0..values).any(|at| deviation(ladder, reference, at).is_some());
+    let noisy = variance > 0.0 && (moments.is_some() || !independent && varies());
     let resamples = if noisy { RESAMPLES } else { 0 };
     let mut slopes: Vec<f64> = (0..resamples)
         .filter_map(|_| fit(&total(&mut (0..blocks.len()).map(|_| stream.below(BLOCKS * BLOCKS)))))
@@ -110,6 +114,7 @@ pub(super) fn measure(
     Ok(Measured {
         scene: scene.to_owned(),
         noisy,
+        independent,
         mse,
         unresolved: unresolved as u64,
         variance,
@@ -299,6 +304,25 @@ pub(super) mod tests {
         let found = measure("x", &own, &reference, 1.0, &mut Stream::new(1, &[])).expect("enough rungs");
         assert_eq!((found.noisy, found.unresolved, found.slope), (false, 0, None));
         assert!(found.slopes.is_empty() && found.moments.is_none(), "{found:?}");
+    }
+
+    #[test]
+    fn correlated_samples_have_errors_and_a_slope_but_no_moments() {
+        // Means of independent samples, drawn towards the truth by 1/sqrt n: errors fall as 1/n.
+        let (mut a, mut b) = (Stream::new(9, &[0]), Stream::new(9, &[1]));
+        let mut own = ladder(&COUNTS, |_| a.normal());
+        own.meta.sampler = SamplerKind::Sobol;
+        for rung in &mut own.rungs {
+            let scale = 1.0 / (rung.spp as f32).sqrt();
+            rung.image.data_mut().iter_mut().for_each(|v| *v = 1.0 + *v * scale);
+        }
+        let reference = ladder(&[4096], |_| 1.0 + b.normal());
+        let found = measure("x", &own, &reference, 1.0, &mut Stream::new(1, &[2])).expect("enough rungs");
+        let slope = found.slope.expect("noise");
+        assert!(found.noisy && !found.independent && found.moments.is_none(), "{found:?}");
+        assert!(slope.low < -1.0 && -1.0 < slope.high && slope.high - slope.low < 0.2, "{slope:?}");
+        // The law is that of independent samples.
+        assert!((found.variance - 1.0).abs() < 0.05, "{found:?}");
     }
 
     #[test]

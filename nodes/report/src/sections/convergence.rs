@@ -21,11 +21,17 @@ pub fn section(convergence: &Convergence) -> Option<Section> {
     if convergence.counts.is_empty() {
         return None;
     }
+    let begin = if convergence.sampler.is_independent() {
+        "Variance time assumes that the error of I<sub>n</sub> falls as 1/√n."
+    } else {
+        "The samples of these ladders are correlated, so variance time does not hold, and moments and trust are \
+         omitted. The law is the error of as many independent samples."
+    };
     let mut out = format!(
-        "<p>Variance time assumes that the error of I<sub>n</sub> falls as 1/√n. Dots: RMSE against independent \
-         references of {} samples per pixel, with the noise of the reference subtracted; geometric mean over scenes. \
-         Dashed: the law √(σ²/n), with the measured variance σ² of single samples. Slopes are means over scenes; the \
-         law predicts −0.5. Scenes without noise are omitted. Both axes are logarithmic.</p>",
+        "<p>{begin} Dots: RMSE against independent references of {} samples per pixel, with the noise of the reference \
+         subtracted; geometric mean over scenes. Dashed: the law √(σ²/n), with the measured variance σ² of single \
+         samples. Slopes are means over scenes; the law predicts −0.5. Scenes without noise are omitted. Both axes are \
+         logarithmic.</p>",
         count(convergence.reference_spp)
     );
     let rows = ordered(convergence);

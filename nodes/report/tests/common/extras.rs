@@ -403,6 +403,7 @@ fn convergence() -> Convergence {
     };
     Convergence {
         reference_spp: 4096,
+        sampler: SamplerKind::Independent,
         scenes: (0..2)
             .map(|i| converging(format!("L{}-open-000000", 3 * i), i > 0, &counts))
             .chain([still("L1-environment-000000".into())])
