@@ -162,7 +162,7 @@ impl Until {
 }
 
 /// The streams that decide for another.
-pub fn deciding(stream: u64) -> [u64; 2] {
+fn deciding(stream: u64) -> [u64; 2] {
     [mix(stream, DECIDES), mix(stream, DECIDES + 1)]
 }
 
