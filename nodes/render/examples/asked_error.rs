@@ -17,7 +17,7 @@ use tauflow_data::{
 use tauflow_render::{accumulator::Accumulator, render::Renderer, until::Until, world::World};
 
 const ASKED: [f64; 3] = [0.25, 0.1, 0.05];
-/// Of the scenes with caustics, and of others.
+/// Pixels of the scenes with caustics, and of the scenes of folders.
 const FILMS: [[u32; 2]; 2] = [[32, 24], [128, 128]];
 /// Samples per pixel at most.
 const MOST: u64 = 1 << 14;
@@ -110,7 +110,7 @@ impl Known {
         Self { values, exposure, samples: reference.count as f64 }
     }
 
-    /// The error of an image as `until` has it. That of the reference is subtracted.
+    /// The error of an image by the measure of `until`, without the reference's own noise.
     fn error(&self, image: &Accumulator) -> f64 {
         let of = |(value, (known, variance)): (&f32, &(f64, f64))| {
             let error = f64::from(*value) * self.exposure - known;

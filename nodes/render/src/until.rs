@@ -139,7 +139,7 @@ impl Until {
     ) -> Result<(u64, f64), E> {
         let mut states = [begin(), begin()];
         let pixels = states[0].pixels.len() as u64;
-        // What the states say, until they have more samples.
+        // The estimate by the states is kept until they get more samples.
         let mut known: Option<(u64, (f64, u64))> = None;
         self.stop(first, |samples| {
             let trial = self.trial(samples, pixels);
@@ -178,7 +178,7 @@ pub(crate) fn is_black(state: &Accumulator) -> bool {
 /// Variances are of one of the two, and means of the other, each way round. A rare bright sample raises the variance
 /// and the mean of the pixel that it hits. By one render alone, an image of such pixels would seem accurate, though
 /// most pixels have yet to be hit. Means of fewer than 64 samples are averaged over a square of pixels that has as
-/// many, as far as it is in the image. What is brighter than 1 there counts as 1, and keeps its own mean.
+/// many, as far as it is in the image. A pixel brighter than 1 counts as 1 for its neighbours, and keeps its own mean.
 pub fn relative_error(by: [&Accumulator; 2], samples: u64) -> f64 {
     expected(squares(by), samples)
 }
