@@ -244,9 +244,19 @@ def features(info, state, gbuffer):
     return torch.cat(found, 1), light, albedo
 
 
+def exponent(info):
+    """The exponent of the error in the training ladders, n^-exponent; files of independent samples lack it."""
+    return float(info.get("exponent", 0.5))
+
+
+def independent(info, count):
+    """How many independent samples have the error of so many."""
+    return count ** (2 * exponent(info))
+
+
 def ladder(info, tau):
-    """First and last sample count, and that at tau."""
-    first, last = info["counts"][0], info["counts"][-1]
+    """First and last sample count, and that at tau, each as many independent samples."""
+    first, last = (independent(info, info["counts"][i]) for i in (0, -1))
     return first, last, (first**-0.5 - tau * (first**-0.5 - last**-0.5)) ** -2
 
 
@@ -272,7 +282,7 @@ def gain(info, tau):
     if info.get("law", "limits") == "limits":
         return 2 * unit * count**0.5 if kind == "local_velocity" else min(1 / max(1 - tau, 1e-9), STEEPEST)
     if kind == "local_velocity":
-        return unit * count**0.5 * (1 + ratio(info["counts"], count))
+        return unit * count**0.5 * (1 + ratio([independent(info, n) for n in info["counts"]], count))
     return rest * (1 - first / last) / (rest**2 + (1 - rest**2) * first / last)
 
 

@@ -143,6 +143,8 @@ def load(path: Union[str, os.PathLike[str]]) -> Solver:
         if unknown:
             told = f"{path}: the model has {unknown[0]}, which this version does not know; update `tauflow`"
             raise TauflowError(told)
+        if not 0 < _network.exponent(info) <= 2:
+            raise ValueError("an exponent beyond those of ladders")
         plan, output = (info["preset"], _network.channels(info)), info.get("output", "means")
         expected = _network.shapes(*plan, output)
         net = _network.network(*plan, output, info["space"] == "log1p")
@@ -181,8 +183,8 @@ def _geometric_mean(image: np.ndarray) -> float:
 
 
 def _tau(info: dict, count: float) -> float:
-    first, last = info["counts"][0] ** -0.5, info["counts"][-1] ** -0.5
-    return (first - count**-0.5) / (first - last)
+    first, last, error = (n ** -_network.exponent(info) for n in (info["counts"][0], info["counts"][-1], count))
+    return (first - error) / (first - last)
 
 
 def _step(

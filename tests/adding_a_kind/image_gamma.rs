@@ -105,7 +105,7 @@ mod tests {
         let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
         let ctx = Context::new(&blobs, &Silent, &stop);
         let state = Image::from_data(1, 1, 3, vec![4.0, 0.25, -1.0]).expect("one pixel");
-        let scene = PackedScene { counts: vec![1], states: vec![state], gbuffer: None };
+        let scene = PackedScene { counts: vec![1], states: vec![state], gbuffer: None, sampler: Default::default() };
         let stored = scene.store(&ctx).expect("in memory");
         let run = |from, original| {
             let params = ImageGammaParams { from, gamma: 0.5, original };

@@ -361,7 +361,12 @@ fn mangled(bytes: &[u8], random: &mut Random) -> Vec<u8> {
 
 fn blobs(time: Duration) {
     let image = |channels: usize| Image::new(8, 4, channels);
-    let packed = PackedScene { counts: vec![1, 2], states: vec![image(3), image(3)], gbuffer: Some(image(6)) };
+    let packed = PackedScene {
+        counts: vec![1, 2],
+        states: vec![image(3), image(3)],
+        gbuffer: Some(image(6)),
+        sampler: Default::default(),
+    };
     let note = r#"{"version":1,"preset":"tiny","parameterization":"direct"}"#;
     let model = TensorFile::default().with("a", &[2, 2], vec![0.0; 4]).note("model", note);
     let seeds = [packed.to_bytes(), Ok(image(3).to_bytes()), model.to_bytes()].map(|bytes| bytes.expect("consistent"));

@@ -1,13 +1,14 @@
 //! `pipelines/time_error.yaml` with its profile `tiny`: every method is timed on every scene, in its own right, and the
-//! page has them all.
+//! page has them all. `pipelines/sobol.yaml` goes on from its results.
 
 use crate::support::{Done, root};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 use tauflow::engine::RunOptions;
 use tauflow_data::{
-    Stratum,
-    records::{TimeError, Timing},
+    SamplerKind, Stratum,
+    records::{Convergence, ModelFile, TimeError, Timing},
 };
+use tauflow_train::{Denoiser, Model};
 
 #[test]
 fn every_method_is_timed_on_every_scene() {
@@ -20,7 +21,7 @@ fn every_method_is_timed_on_every_scene() {
     ];
     let sets = sets.map(str::to_owned).to_vec();
     let file = root().join("pipelines/time_error.yaml");
-    let done = Done::run_profile(&file, "tiny", sets, folder.path(), &RunOptions::default());
+    let done = Done::run_profile(&file, "tiny", sets.clone(), folder.path(), &RunOptions::default());
     let tables: TimeError = done.only("all_times");
 
     let points: BTreeMap<(&str, &str), Vec<(u64, u64)>> = tables
@@ -108,4 +109,36 @@ fn every_method_is_timed_on_every_scene() {
     for name in ["Vanilla RF, RGB", "Local velocity, G-buffer", "MC noise, RGB", "MC velocity, G-buffer"] {
         assert!(page.contains(name), "{name}");
     }
+    solvers_follow_the_error_of_sobol_ladders(sets, folder.path());
+}
+
+/// The exponent that `convergence` finds is that of the solver's clock, and its images take the time of their ladders.
+fn solvers_follow_the_error_of_sobol_ladders(sets: Vec<String>, folder: &Path) {
+    let file = root().join("pipelines/sobol.yaml");
+    let done = Done::run_profile(&file, "tiny", sets, folder, &RunOptions::default());
+    let fit: Convergence = done.only("fit");
+    let alpha = -fit.overall.slope.expect("noisy scenes").mean;
+    assert!(fit.sampler == SamplerKind::Sobol && (0.4..1.0).contains(&alpha), "{alpha}");
+    let models: BTreeMap<String, ModelFile> = done.read("sobol_solvers.model");
+    for (cell, file) in &models {
+        let model = Model::load(&file.0).expect("own bytes");
+        let expected = if cell.contains("clock=fitted") { alpha } else { 0.5 };
+        assert_eq!(model.clock().exponent(), expected, "{cell}");
+    }
+    let tables: TimeError = done.only("sobol_times");
+    let cells: Vec<_> = tables.methods.iter().filter(|m| m.method == "mc_noise").map(|m| m.cell.clone()).collect();
+    let named = |cell: &[(&str, &str)]| cell.iter().map(|(a, v)| ((*a).to_owned(), (*v).to_owned())).collect();
+    let expected: [BTreeMap<String, String>; 3] = [
+        named(&[]),
+        named(&[("clock", "fitted"), ("sampler", "sobol")]),
+        named(&[("clock", "independent"), ("sampler", "sobol")]),
+    ];
+    assert_eq!(cells, expected);
+    // A ladder, a G-buffer and a call: longer than the ladder alone.
+    let wall = |method: &str, cell: usize| {
+        let mut of = tables.methods.iter().filter(|m| m.method == method);
+        let method = of.nth(cell).expect("it is listed");
+        method.points.iter().find(|p| p.from_spp == 16).expect("timed").all.wall_s[1]
+    };
+    assert!(wall("mc_noise", 1) > wall("path_tracer_sobol", 0));
 }

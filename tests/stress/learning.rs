@@ -30,7 +30,12 @@ pub(super) fn scene(seed: u64, bright: f32) -> PackedScene {
         }
     }
     states[0].data_mut()[99] += bright;
-    PackedScene { counts: COUNTS.to_vec(), states, gbuffer: Some(Image::new(SIDE, SIDE, 6)) }
+    PackedScene {
+        counts: COUNTS.to_vec(),
+        states,
+        gbuffer: Some(Image::new(SIDE, SIDE, 6)),
+        sampler: Default::default(),
+    }
 }
 
 /// A store, and trainings over it.

@@ -195,6 +195,14 @@ impl SamplerKind {
         Self::Independent
     }
 
+    /// Its name in pipelines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Independent => "independent",
+            Self::Sobol => "sobol",
+        }
+    }
+
     /// Whether single samples say how far the mean of many is off.
     pub fn is_independent(&self) -> bool {
         *self == Self::Independent

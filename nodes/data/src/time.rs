@@ -6,12 +6,17 @@ use crate::DataError;
 
 /// Variance time over a ladder with first and last sample counts n_min < n_max.
 ///
-/// tau(n) = (1/sqrt(n_min) - 1/sqrt(n)) / (1/sqrt(n_min) - 1/sqrt(n_max)), so tau(n_min) = 0 and tau(n_max) = 1.
+/// tau(n) = (1/sqrt(n_min) - 1/sqrt(n)) / (1/sqrt(n_min) - 1/sqrt(n_max)), so tau(n_min) = 0 and tau(n_max) = 1. For
+/// samples whose error falls with another power, n^-alpha stands for 1/sqrt(n): [`VarianceTime::with_exponent`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VarianceTime {
     n_min: f64,
     n_max: f64,
+    exponent: f64,
 }
+
+/// The exponent of independent samples: their error falls with n^(-1/2).
+pub const INDEPENDENT_EXPONENT: f64 = 0.5;
 
 impl VarianceTime {
     /// The clock of a ladder.
@@ -24,29 +29,65 @@ impl VarianceTime {
                 "variance time needs 1 <= n_min < n_max, but n_min is {n_min} and n_max is {n_max}"
             )));
         }
-        Ok(Self { n_min: n_min as f64, n_max: n_max as f64 })
+        Ok(Self { n_min: n_min as f64, n_max: n_max as f64, exponent: INDEPENDENT_EXPONENT })
+    }
+
+    /// The clock of the same ladder if its error falls with n^-exponent.
+    ///
+    /// # Errors
+    /// Unless 0 < exponent <= 2: no sampler of this project falls faster.
+    pub fn with_exponent(self, exponent: f64) -> Result<Self, DataError> {
+        if !(exponent > 0.0 && exponent <= 2.0) {
+            return Err(DataError::Format(format!(
+                "variance time needs an exponent of the error above 0 and at most 2, but it is {exponent}"
+            )));
+        }
+        Ok(Self { exponent, ..self })
+    }
+
+    /// The exponent alpha of the error, n^-alpha.
+    pub fn exponent(&self) -> f64 {
+        self.exponent
+    }
+
+    /// How many independent samples have the error of `n` samples, in units of the error of one: n^(2 alpha).
+    ///
+    /// Halves of an Owen-scrambled net are exchangeable, so that Cov(I_n, I_m) = Var(I_m) for powers of two n < m, as
+    /// with independent samples. The whole law therefore holds in these numbers.
+    pub fn independent(&self, n: f64) -> f64 {
+        if self.is_of_independent() { n } else { libm::pow(n, 2.0 * self.exponent) }
+    }
+
+    /// 1/sqrt(n) of independent samples, and n^-alpha in general.
+    fn error(&self, n: f64) -> f64 {
+        1.0 / self.independent(n).sqrt()
+    }
+
+    fn is_of_independent(&self) -> bool {
+        self.exponent == INDEPENDENT_EXPONENT
     }
 
     fn ends(&self) -> (f64, f64) {
-        (1.0 / self.n_min.sqrt(), 1.0 / self.n_max.sqrt())
+        (self.error(self.n_min), self.error(self.n_max))
     }
 
     /// tau of a sample count, which may be a fraction.
     pub fn tau(&self, n: f64) -> f64 {
         let (first, last) = self.ends();
-        (first - 1.0 / n.sqrt()) / (first - last)
+        (first - self.error(n)) / (first - last)
     }
 
     /// The sample count at tau.
     pub fn count(&self, tau: f64) -> f64 {
         let (first, last) = self.ends();
         let root = first - tau * (first - last);
-        1.0 / (root * root)
+        let independent = 1.0 / (root * root);
+        if self.is_of_independent() { independent } else { libm::pow(independent, 0.5 / self.exponent) }
     }
 
     /// The SDE's clock at tau.
     pub fn sde(&self, tau: f64) -> SdeTime {
-        SdeTime::of_count(self.count(tau))
+        SdeTime::of_count(self.independent(self.count(tau)))
     }
 
     /// The last sample count, where tau is 1.
@@ -129,6 +170,24 @@ mod tests {
             assert!((time.sde(time.tau(n)).count() - n).abs() < 1e-9 * n);
         }
         assert!(VarianceTime::new(4, 4).is_err());
+    }
+
+    #[test]
+    fn a_faster_error_has_the_clock_of_more_independent_samples() {
+        let time = VarianceTime::new(1, 512).expect("a ladder").with_exponent(0.75).expect("an exponent");
+        assert_eq!((time.tau(1.0), time.tau(512.0)), (0.0, 1.0));
+        for n in [1.0f64, 2.0, 10.0, 77.7, 512.0] {
+            // Written out: (1 - n^-0.75)/(1 - 512^-0.75).
+            let expected = (1.0 - n.powf(-0.75)) / (1.0 - 512f64.powf(-0.75));
+            assert!((time.tau(n) - expected).abs() < 1e-12);
+            assert!((time.count(time.tau(n)) - n).abs() < 1e-9 * n);
+            assert!((time.sde(time.tau(n)).count() - n.powf(1.5)).abs() < 1e-9 * n.powf(1.5));
+        }
+        let grid = time.grid(1.0, 9, TimeGrid::Ladder);
+        assert!((0..10).all(|i| (time.count(grid[i]) - f64::from(1u32 << i)).abs() < 1e-6));
+        for refused in [0.0, -0.5, 2.1, f64::NAN, f64::INFINITY] {
+            assert!(VarianceTime::new(1, 512).expect("a ladder").with_exponent(refused).is_err());
+        }
     }
 
     #[test]

@@ -101,7 +101,7 @@ fn scene(value: f32) -> PackedScene {
     let mut state = Image::new(5, 4, 3);
     state.pixel_mut(2, 1).copy_from_slice(&[9.0 * value, 18.0, 27.0]);
     let gbuffer = Some(Image::new(5, 4, 6));
-    PackedScene { counts: vec![1, 256], states: vec![state, Image::new(5, 4, 3)], gbuffer }
+    PackedScene { counts: vec![1, 256], states: vec![state, Image::new(5, 4, 3)], gbuffer, sampler: Default::default() }
 }
 
 #[test]

@@ -42,7 +42,15 @@ fn scene() -> (PackedScene, Image) {
             }
         }
     }
-    (PackedScene { counts: vec![1, 64], states: vec![noisy, clean.clone()], gbuffer: Some(gbuffer) }, clean)
+    (
+        PackedScene {
+            counts: vec![1, 64],
+            states: vec![noisy, clean.clone()],
+            gbuffer: Some(gbuffer),
+            sampler: Default::default(),
+        },
+        clean,
+    )
 }
 
 fn error(a: &Image, b: &Image) -> f64 {

@@ -99,13 +99,7 @@ impl Kind for BridgeValidation {
                 }
                 None => None,
             };
-            let scene = Stepped {
-                key: key.as_str(),
-                packed: packed.load(ctx)?,
-                images,
-                held,
-                time: VarianceTime::new(own.n_min, own.n_max)?,
-            };
+            let scene = Stepped { key: key.as_str(), packed: packed.load(ctx)?, images, held, time: own.time()? };
             scenes.push(scene.cases()?);
             if has_maps(index, endpoints.len(), action.params.map_scenes as usize) {
                 for (name, png) in scene.maps()? {

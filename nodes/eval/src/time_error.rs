@@ -92,6 +92,14 @@ impl Kind for TimeErrorKind {
             let exposure = inputs.exposure.need(EXPOSURE, key, REFERENCES.name())?.load(ctx)?;
             let reference = HeldOut::load(ctx, reference, exposure.factor, key)?;
             let packed = inputs.ladders.need(LADDERS, key, REFERENCES.name())?.load(ctx)?;
+            if !packed.sampler.is_independent() {
+                return Err(KindError::Input(format!(
+                    "the ladder of `{key}` on `{}` has correlated samples; connect independent ones there, and others \
+                     to `{}`",
+                    LADDERS.name(),
+                    SAMPLED.name()
+                )));
+            }
             let rendering = inputs.render_times.need(RENDER_TIMES, key, REFERENCES.name())?.load(ctx)?;
             let own = Own { packed: &packed, rendering: &rendering, factor: exposure.factor };
             scenes.push(measured(ctx, key, &reference, &own, &inputs.cells, &mut notes)?);

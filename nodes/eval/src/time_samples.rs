@@ -44,6 +44,12 @@ impl MethodOf {
         [FROM, PARAMETERIZATION, METHOD, SAMPLER].into_iter().for_each(|axis| drop(cell.remove(axis)));
         Self { method: method.to_owned(), conditioning, cell }
     }
+
+    /// Of images that were made from endpoints of another sampler than the independent one.
+    pub(crate) fn from_sampler(mut self, sampler: &str) -> Self {
+        self.cell.insert(SAMPLER.to_owned(), sampler.to_owned());
+        self
+    }
 }
 
 /// A scene's images: the path tracer's by samples, and those of the other methods.

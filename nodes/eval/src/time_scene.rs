@@ -3,6 +3,7 @@
 //! Knows where images and their times come from; how scenes are summed up is in `time_tables`.
 
 use crate::{
+    evaluation::coordinates,
     held_out::{Errors, HeldOut},
     metrics::Reference,
     time_samples::{Measured, MethodOf, Sample, quartiles},
@@ -11,7 +12,7 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, ItemKey, Items, KindError, Media};
 use tauflow_data::{
     Image, SamplerKind,
-    methods::{Conditioning, GBUFFER, PATH_TRACER, PATH_TRACER_SOBOL},
+    methods::{Conditioning, GBUFFER, PATH_TRACER, PATH_TRACER_SOBOL, axes::SAMPLER},
     records::{Ladder, PackedScene, Refined, RefinedImage, TimedImage, Timing},
     timing::Repeated,
 };
@@ -66,6 +67,32 @@ impl<'a> Cells<'a> {
             rendered: cells(&ports, renderers.chain(samplers), rendered_times)?,
         })
     }
+}
+
+impl<'a> Cells<'a> {
+    /// The times of the ladders of another sampler, if the images of a cell were made from them.
+    ///
+    /// # Errors
+    /// If there are no such ladders.
+    fn rendering(&self, cell: &str, key: &ItemKey) -> Result<Option<Handle<'a, Timing>>, KindError> {
+        let Some(sampler) = other_sampler(cell) else { return Ok(None) };
+        let made = |of: &&CellOf<'a, Rendering<'a>>| {
+            let ladders = of.images.values().all(|images| matches!(images, Rendering::Sampler(_)));
+            ladders && other_sampler(of.name).as_ref() == Some(&sampler)
+        };
+        let ladders = self.rendered.iter().find(made).ok_or_else(|| {
+            KindError::Input(format!(
+                "the images of `{cell}` were made from ladders by `{sampler}`, whose times are unknown; connect these \
+                 ladders to `sampled`, with `matrix: {{ sampler: [{sampler}] }}`, and their times to `rendered_times`"
+            ))
+        })?;
+        Ok(Some(ladders.scene(key)?.1))
+    }
+}
+
+/// The sampler on a cell's axis of this name, unless it is the independent one.
+fn other_sampler(cell: &str) -> Option<String> {
+    coordinates(cell).remove(SAMPLER).filter(|sampler| sampler != SamplerKind::Independent.name())
 }
 
 fn listed<'a, M: Media>(items: Option<Items<'a, M>>) -> impl Iterator<Item = (&'a ItemKey, Handle<'a, M>)> {
@@ -232,21 +259,24 @@ impl<'a> Judge<'a> {
         Ok(judged)
     }
 
-    /// Images made from our own endpoints: each takes the endpoint's time, too, and the G-buffer's if it sees one.
+    /// Images made from our own endpoints, or from those of another sampler: each takes the endpoint's time, too, and
+    /// the G-buffer's if it sees one.
     fn refined(
         &self,
         cell: &str,
         images: &Refined,
         times: &Timing,
-        rendering: &Timing,
+        (rendering, own): (&Timing, &Timing),
     ) -> Result<Vec<Judged>, KindError> {
+        let other = other_sampler(cell);
         let judge = |(said, image): &(RefinedImage, Image)| {
             let method = MethodOf::new(cell, &said.method);
+            let method = other.iter().fold(method, |method, sampler| method.from_sampler(sampler));
             let after = times_of(times, None, said.from_spp, said.nfe).ok_or_else(|| self.untimed(&said.method))?;
             let before = times_of(rendering, Some(PATH_TRACER), said.from_spp, 0);
             let before = before.ok_or_else(|| self.untimed(PATH_TRACER))?;
             let aside = match method.conditioning == Conditioning::Gbuffer.name() {
-                true => times_of_gbuffer(rendering).ok_or_else(|| self.untimed(GBUFFER))?,
+                true => times_of_gbuffer(own).ok_or_else(|| self.untimed(GBUFFER))?,
                 false => Took::default(),
             };
             let sample = self.sample(image, said.from_spp, said.nfe, after.then(before).then(aside))?;
@@ -291,7 +321,9 @@ pub(crate) fn measured(
         let (images, times) = cell.scene(key)?;
         let images = images.load(ctx)?;
         notes.extend(images.note.clone());
-        judged.extend(judge.refined(cell.name, &images, &times.load(ctx)?, own.rendering)?);
+        let rendering = cells.rendering(cell.name, key)?.map(|timing| timing.load(ctx)).transpose()?;
+        let rendering = (rendering.as_ref().unwrap_or(own.rendering), own.rendering);
+        judged.extend(judge.refined(cell.name, &images, &times.load(ctx)?, rendering)?);
     }
     for (method, sample) in judged {
         methods.entry(method).or_default().push(sample);

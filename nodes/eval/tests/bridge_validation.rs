@@ -39,7 +39,7 @@ fn ladder(seed: u64) -> (Image, PackedScene) {
             state.data_mut()[at] = (sum / (n + 1) as f64) as f32;
         }
     }
-    (truth, PackedScene { counts: (1..=10).collect(), states, gbuffer: None })
+    (truth, PackedScene { counts: (1..=10).collect(), states, gbuffer: None, sampler: Default::default() })
 }
 
 /// `start` moved a share of the way to `goal`.
@@ -160,7 +160,7 @@ impl Bench {
     }
 }
 
-const CLOCK: BridgeClock = BridgeClock { n_min: 1, n_max: 512 };
+const CLOCK: BridgeClock = BridgeClock::new(1, 512);
 
 fn of<'a>(bridge: &'a Bridge, stop: &str, method: &str) -> &'a BridgeSummary {
     bridge.summary.iter().find(|s| s.stop == stop && s.method == method).expect("summed up")
@@ -293,10 +293,10 @@ fn with_references_stops_have_variances_and_covariances() {
 #[test]
 fn a_fraction_of_one_is_refused() {
     // The last rung of the bridge is that of the training ladder: direct stops would be the clean estimate itself.
-    let refusal = Bench::new(BridgeClock { n_min: 1, n_max: 10 }).refusal();
+    let refusal = Bench::new(BridgeClock::new(1, 10)).refusal();
     assert!(refusal.contains("9 -> 10") || refusal.contains("1 -> 10"), "{refusal}");
     assert!(refusal.contains("would be 1 or more"), "{refusal}");
-    assert!(Bench::new(BridgeClock { n_min: 1, n_max: 11 }).run().is_ok());
+    assert!(Bench::new(BridgeClock::new(1, 11)).run().is_ok());
 }
 
 #[test]
@@ -313,7 +313,7 @@ fn what_does_not_fit_is_refused() {
     let hold = || (said(HOLD, 1, 2), first.clone());
 
     assert!(with(vec![hold()], CLOCK).contains("not every scene"));
-    assert!(with(vec![hold()], BridgeClock { n_min: 1, n_max: 256 }).contains("another training ladder"));
+    assert!(with(vec![hold()], BridgeClock::new(1, 256)).contains("another training ladder"));
     let again = RefinedImage { nfe: 2, ..hold().0 };
     assert!(with(vec![hold(), (again, first.clone())], CLOCK).contains("two images of `hold` at 1 -> 2"));
     assert!(with(vec![(said(MC_NOISE, 1, 5), truth.clone())], CLOCK).contains("neither to the next"));

@@ -35,7 +35,12 @@ fn run(ctx: &Context<'_>, each: &[(&'static str, &Artifact)], from: u64) -> Resu
 }
 
 fn packed(ctx: &Context<'_>) -> Artifact {
-    let scene = PackedScene { counts: vec![1, 4], states: vec![constant(0.5), constant(0.6)], gbuffer: None };
+    let scene = PackedScene {
+        counts: vec![1, 4],
+        states: vec![constant(0.5), constant(0.6)],
+        gbuffer: None,
+        sampler: Default::default(),
+    };
     scene.store(ctx).expect("consistent").into_artifact()
 }
 

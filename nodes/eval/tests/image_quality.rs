@@ -42,7 +42,7 @@ fn scene(shown: &Image) -> PackedScene {
         let mapped = f64::from(v.min(0.995)).powf(2.2);
         (mapped / (1.0 - mapped)) as f32
     };
-    PackedScene { counts: vec![64], states: vec![shown.map(radiance)], gbuffer: None }
+    PackedScene { counts: vec![64], states: vec![shown.map(radiance)], gbuffer: None, sampler: Default::default() }
 }
 
 fn noisy(image: &Image, seed: u64, strength: f64) -> Image {

@@ -66,7 +66,11 @@ impl Bench {
             bench.put("exposure", scene, &Exposure { factor: FACTOR, ev: 0.0, mean_luminance: 0.4 });
             let exposed = |mse: &(u64, f64)| off(mse.1).map(|v| v * FACTOR as f32);
             let states = counts.iter().map(exposed).collect();
-            bench.put("ladders", scene, &PackedScene { counts: vec![1, 4, 16], states, gbuffer: None });
+            bench.put(
+                "ladders",
+                scene,
+                &PackedScene { counts: vec![1, 4, 16], states, gbuffer: None, sampler: Default::default() },
+            );
             bench.put("render_times", scene, &timing(PATH_TRACER, 0, &[(1, 0.01), (4, 0.04), (16, 0.16)]));
         }
         bench
@@ -118,9 +122,25 @@ fn other_samplers_and_renderers_take_their_own_time_and_are_exposed() {
         bench.put("rendered", &format!("method=mitsuba/{scene}"), &Refined { images, note: None });
         bench.put("rendered_times", &format!("method=mitsuba/{scene}"), &timing("mitsuba", 0, &[(4, 0.08)]));
     }
+    // A solver from either sampler, which halves the error in 0.02 s.
+    for scene in SCENES {
+        for (sampler, mse) in [("independent", 0.01), ("sobol", 0.0025)] {
+            let key = format!("sampler={sampler}/{scene}");
+            let said = RefinedImage { method: "mc_noise".into(), from_spp: 4, to_spp: 16, nfe: 1 };
+            let exposed = off(mse / 2.0).map(|v| v * FACTOR as f32);
+            bench.put("refined", &key, &Refined { images: vec![(said, exposed)], note: None });
+            bench.put("times", &key, &timing("mc_noise", 1, &[(4, 0.02)]));
+        }
+    }
     let tables = bench.tables();
     let names: Vec<&str> = tables.methods.iter().map(|m| m.method.as_str()).collect();
-    assert_eq!(names, [PATH_TRACER, "mitsuba", PATH_TRACER_SOBOL]);
+    assert_eq!(names, [PATH_TRACER, "mc_noise", "mc_noise", "mitsuba", PATH_TRACER_SOBOL]);
+    let solvers: Vec<&TimedMethod> = tables.methods.iter().filter(|m| m.method == "mc_noise").collect();
+    let took = solvers.iter().map(|m| (m.cell.get("sampler").map(String::as_str), m.points[0].all.wall_s[1]));
+    let took: Vec<_> = took.collect();
+    assert_eq!((took[0].0, took[1].0), (None, Some("sobol")));
+    near(took[0].1, 0.06);
+    near(took[1].1, 0.07);
     let sobol = &method(&tables, PATH_TRACER_SOBOL);
     assert!(sobol.cell.is_empty() && sobol.points.len() == 1);
     // Its error at 4 samples is that of the path tracer at 16, after 0.05 s in place of 0.16 s.

@@ -69,6 +69,36 @@ mod tests {
     }
 
     #[test]
+    fn means_of_prefixes_covary_as_those_of_independent_samples() {
+        // Variance time on a faster clock rests on it: Cov(I_n, I_m) = Var(I_m), whatever Var(I_m) is.
+        let value = |[x, y]: [u32; 2]| {
+            let [x, y] = [x, y].map(|v| f64::from(v) / 4_294_967_296.0);
+            f64::from(u8::from(x * x + y * y < 1.0)) - std::f64::consts::FRAC_PI_4
+        };
+        let (counts, sequences) = ([1u32, 4, 16, 64], 20_000u64);
+        let means = |seed: u64| counts.map(|n| (0..n).map(|i| value(point(i, seed))).sum::<f64>() / f64::from(n));
+        let all: Vec<[f64; 4]> = (0..sequences).map(|seed| means(mix(7, seed))).collect();
+        let product = |a: usize, b: usize| {
+            let products: Vec<f64> = all.iter().map(|means| means[a] * means[b]).collect();
+            let mean = products.iter().sum::<f64>() / sequences as f64;
+            let square = products.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / sequences as f64;
+            (mean, (square / sequences as f64).sqrt())
+        };
+        for m in 1..4 {
+            let (variance, _) = product(m, m);
+            // Nets, and not independent points.
+            assert!(variance < 0.7 * product(0, 0).0 / f64::from(counts[m]));
+            for n in 0..m {
+                let (covariance, error) = product(n, m);
+                assert!(
+                    (covariance - variance).abs() < 4.0 * error + 0.02 * variance,
+                    "{n} {m}: {covariance} {variance}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn points_are_uniform_and_sequences_unrelated() {
         let unit = |value: u32| f64::from(value) / 2f64.powi(32) - 0.5;
         let (mut sum, mut square, mut cross, count) = ([0.0; 2], 0.0, 0.0, 100_000u64);

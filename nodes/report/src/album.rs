@@ -236,7 +236,7 @@ impl<'a> Album<'a> {
             let tables: Vec<&MethodTable> = self.evaluation.map(with_baselines).unwrap_or_default();
             let table = tables.into_iter().find(|table| table.cell == *cell);
             let Rollout { clock: own, states } = item.load(self.ctx)?;
-            let time = VarianceTime::new(own.n_min, own.n_max).ok();
+            let time = own.time().ok();
             // The only state of one call is the result, which the method's own track has.
             for (said, image) in states.into_iter().filter(|(said, _)| said.nfe > 1) {
                 let name = table.map_or_else(|| name_of(cell, &said.method), track_of);

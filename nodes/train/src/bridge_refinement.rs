@@ -26,6 +26,7 @@ use tauflow_data::{
     },
     records::{BridgeClock, BridgeSteps, Exposure, Ladder, ModelFile, PackedScene, RefinedImage, RefinedImages},
     rng::Stream,
+    time::INDEPENDENT_EXPONENT,
 };
 
 /// The kind `bridge_refinement`.
@@ -97,7 +98,7 @@ impl Kind for BridgeRefinement {
 
     fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
         let endpoints = known.each(ENDPOINTS);
-        let mut problems: Vec<Foreseen> = Vec::new();
+        let mut problems: Vec<Foreseen> = facts::independent(ENDPOINTS, &endpoints).into_iter().collect();
         if let Some(Err(error)) = endpoints.facts.get(RUNGS).map(|rungs| stops(&rungs)) {
             let told = error.to_string();
             let (what, hint) = told.split_once("; ").unwrap_or((&told, ""));
@@ -144,6 +145,13 @@ impl Kind for BridgeRefinement {
             )));
         }
         let scene = action.read(ctx, ENDPOINTS)?;
+        if !scene.sampler.is_independent() || noise.clock().exponent() != INDEPENDENT_EXPONENT {
+            return Err(KindError::Input(
+                "what is expected at a stop is known for independent samples alone, but the endpoints or the solvers \
+                have others; use ladders with `sampler: independent` for both, and solvers without `convergence`"
+                    .into(),
+            ));
+        }
         let held = match (action.read_if(ctx, REFERENCES)?, action.read_if(ctx, EXPOSURE)?) {
             (Some(ladder), Some(exposure)) => Some(HeldOut::new(&ladder, &exposure, &scene)?),
             (None, None) => None,
@@ -207,7 +215,7 @@ impl Kind for BridgeRefinement {
             }
             ctx.progress(done as u64 + 1, starts.len() as u64, &format!("from {from} spp"));
         }
-        let clock = BridgeClock { n_min: noise.clock().n_min() as u64, n_max: noise.clock().n_max() as u64 };
+        let clock = BridgeClock::of(&noise.clock());
         Ok(Outputs::default().put(STEPS, BridgeSteps { clock, setting, images }.store(ctx)?))
     }
 }

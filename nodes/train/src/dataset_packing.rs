@@ -7,7 +7,7 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     Image,
-    facts::{self, FILM, HAS_GBUFFER, RUNGS},
+    facts::{self, FILM, HAS_GBUFFER, INDEPENDENT, RUNGS},
     records::{Exposure, GBuffer, Ladder, PackedScene},
 };
 
@@ -46,9 +46,9 @@ impl Kind for DatasetPacking {
         let facts = Facts::default()
             .with_some(RUNGS, ladders.facts.get(RUNGS))
             .with_some(FILM, ladders.facts.get(FILM))
+            .with_some(INDEPENDENT, ladders.facts.get(INDEPENDENT))
             .with(HAS_GBUFFER, known.has(GBUFFERS.name()));
-        let problems = facts::independent(LADDERS, &ladders).into_iter();
-        Outlook::default().with(PACKED, facts).but(problems.chain(facts::same_film(GBUFFERS, &gbuffers, &ladders)))
+        Outlook::default().with(PACKED, facts).but(facts::same_film(GBUFFERS, &gbuffers, &ladders))
     }
 
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
@@ -66,13 +66,6 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
             "the exposure factor is {}, expected a positive number; check why the gate accepted the scene",
             exposure.factor
         )));
-    }
-    if !ladder.meta.sampler.is_independent() {
-        return Err(KindError::Input(
-            "the samples of the ladder are correlated, but variance time requires independent samples; render it with \
-            `sampler: independent`"
-                .into(),
-        ));
     }
     let exposed = |image: &Image| image.map(|v| (f64::from(v) * exposure.factor) as f32);
     let gbuffer = gbuffer.map(|g| g.albedo.beside(&g.normal)).transpose()?;
@@ -94,6 +87,7 @@ fn pack(ladder: &Ladder, exposure: &Exposure, gbuffer: Option<&GBuffer>) -> Resu
         counts: ladder.rungs.iter().map(|r| r.spp).collect(),
         states: ladder.rungs.iter().map(|r| exposed(&r.image)).collect(),
         gbuffer,
+        sampler: ladder.meta.sampler,
     })
 }
 
@@ -124,12 +118,13 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_depend_on_each_other_are_refused() {
-        let mut ladder = ladder();
-        ladder.meta.sampler = SamplerKind::Sobol;
+    fn packed_scenes_say_how_their_samples_were_drawn() {
         let exposure = Exposure { factor: 1.0, ev: 0.0, mean_luminance: 0.18 };
-        let error = pack(&ladder, &exposure, None).expect_err("not independent").to_string();
-        assert!(error.contains("sampler: independent"), "{error}");
+        for sampler in [SamplerKind::Independent, SamplerKind::Sobol] {
+            let mut ladder = ladder();
+            ladder.meta.sampler = sampler;
+            assert_eq!(pack(&ladder, &exposure, None).expect("a ladder").sampler, sampler);
+        }
     }
 
     #[test]

@@ -3,11 +3,16 @@
 //!
 //! Given I_n, the expectation of I_m with m > n is the fraction 1 - n/m of the way to the converged image, because I_m
 //! contains the samples of I_n. In general the fraction is -Cov(target, state)/Var(state), with Var I_n = s^2/n and
-//! Cov(I_n, I_m) = s^2/max(n, m).
+//! Cov(I_n, I_m) = s^2/max(n, m). Where the error falls with another power of n, n stands for as many independent
+//! samples as have that error ([`VarianceTime::independent`]).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_data::{DataError, maths, methods::Parameterization, time::VarianceTime};
+use tauflow_data::{
+    DataError, maths,
+    methods::Parameterization,
+    time::{INDEPENDENT_EXPONENT, VarianceTime},
+};
 
 /// Known factor of targets in the network's head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
@@ -55,7 +60,7 @@ pub struct Factors {
     parameterization: Parameterization,
     law: Law,
     clock: VarianceTime,
-    /// For each rung but the last: log n, and sqrt(n/next).
+    /// For each rung but the last: log n, and the ratio of the error at the next rung to its own, sqrt(n/next).
     steps: Vec<(f64, f64)>,
 }
 
@@ -74,6 +79,20 @@ impl Factors {
         Ok(Self { parameterization, law, clock, steps: counts.windows(2).map(step).collect() })
     }
 
+    /// The factors on the same ladder if its error falls with n^-exponent.
+    ///
+    /// # Errors
+    /// As [`VarianceTime::with_exponent`].
+    pub fn with_exponent(mut self, exponent: f64) -> Result<Self, DataError> {
+        let clock = self.clock.with_exponent(exponent)?;
+        if exponent != self.clock.exponent() {
+            // Ratios of errors are those of other independent samples.
+            let power = exponent / self.clock.exponent();
+            self.steps.iter_mut().for_each(|(_, ratio)| *ratio = libm::pow(*ratio, power));
+        }
+        Ok(Self { clock, ..self })
+    }
+
     /// The parameterization.
     pub fn parameterization(&self) -> Parameterization {
         self.parameterization
@@ -88,7 +107,9 @@ impl Factors {
     /// between those of its neighbours.
     pub fn next(&self, count: f64) -> f64 {
         let ratio = self.ratio(count);
-        count / (ratio * ratio)
+        let exponent = self.clock.exponent();
+        let steps = if exponent == INDEPENDENT_EXPONENT { ratio * ratio } else { libm::pow(ratio, 1.0 / exponent) };
+        count / steps
     }
 
     /// The factor at a time: variance time, or t of an interpolant. If the sample count is unknown, all of the way is
@@ -101,12 +122,14 @@ impl Factors {
     /// covariance -s^2 (1 - t)(1/first - 1/last) with I_last - I_first.
     pub fn at(&self, tau: Option<f64>) -> f64 {
         let Some(tau) = tau else { return -1.0 };
-        let (count, first, last) = (self.clock.count(tau), self.clock.n_min(), self.clock.n_max());
+        let clock = &self.clock;
+        let samples = clock.count(tau);
+        let [count, first, last] = [samples, clock.n_min(), clock.n_max()].map(|n| clock.independent(n));
         let unit = 1.0 / first.sqrt() - 1.0 / last.sqrt();
         match (self.parameterization, self.law) {
             (Parameterization::McNoise, _) => -(1.0 - (count / last).min(1.0)),
             (Parameterization::McVelocity, _) => unit * count.sqrt() * (1.0 + (count / last).sqrt()),
-            (Parameterization::LocalVelocity, Law::Covariances) => unit * count.sqrt() * (1.0 + self.ratio(count)),
+            (Parameterization::LocalVelocity, Law::Covariances) => unit * count.sqrt() * (1.0 + self.ratio(samples)),
             (Parameterization::LocalVelocity, Law::Limits) => unit * count.sqrt() * 2.0,
             (Parameterization::VanillaRf, Law::Covariances) => {
                 let (rest, share) = ((1.0 - tau).clamp(0.0, 1.0), first / last);
@@ -116,7 +139,8 @@ impl Factors {
         }
     }
 
-    /// sqrt(n/next) at a sample count, linear in log n between rungs, and that of the last step beyond.
+    /// The error of the next rung divided by that at a sample count: linear in log n between rungs, and beyond the last
+    /// step that of the last step.
     fn ratio(&self, count: f64) -> f64 {
         let log = maths::log(count);
         let after = self.steps.partition_point(|(at, _)| *at <= log);
@@ -171,6 +195,37 @@ mod tests {
         let between = factors.next(6.0) / 6.0;
         assert!(between > 4.0 && between < 100.0 / 12.0, "{between}");
         near(factors.next(120.0) / 120.0, 1.28);
+    }
+
+    #[test]
+    fn errors_of_another_power_have_the_factors_of_their_variances() {
+        let (counts, alpha) = ([1u64, 2, 4, 32, 256], 0.8);
+        let of = |parameterization| {
+            let factors = Factors::new(parameterization, &counts, Law::Covariances).expect("a ladder");
+            factors.with_exponent(alpha).expect("an exponent")
+        };
+        // Var I_n = n^(-2 alpha), and Cov(I_n, I_m) = Var I_m for n < m.
+        let variance = |n: f64| n.powf(-2.0 * alpha);
+        let clock = of(Parameterization::McNoise).clock();
+        for pair in counts.windows(2) {
+            let (n, next) = (pair[0] as f64, pair[1] as f64);
+            let tau = clock.tau(n);
+            let way = |m: f64| 1.0 - variance(m) / variance(n);
+            near(of(Parameterization::McNoise).at(Some(tau)), -way(256.0));
+            near(of(Parameterization::McVelocity).at(Some(tau)), way(256.0) / (1.0 - tau));
+            let local = of(Parameterization::LocalVelocity);
+            near(local.next(n), next);
+            near(local.at(Some(tau)), way(next) / (clock.tau(next) - tau));
+        }
+        // An interpolant: (1 - t) I_1 + t I_256, towards I_256 - I_1.
+        let (t, last) = (0.3, variance(256.0));
+        let state = 0.49 + (1.0 - 0.49) * last;
+        near(of(Parameterization::VanillaRf).at(Some(t)), 0.7 * (1.0 - last) / state);
+        // The exponent of independent samples changes no bit.
+        for p in Parameterization::ALL {
+            let plain = Factors::new(p, &counts, Law::Covariances).expect("a ladder");
+            assert_eq!(plain.clone().with_exponent(0.5).expect("an exponent"), plain);
+        }
     }
 
     #[test]

@@ -56,7 +56,7 @@ mod tests {
         model::ModelInfo,
         network::{Features, Output, Preset},
     };
-    use tauflow_data::{methods::Conditioning, rng::Stream, views::View};
+    use tauflow_data::{methods::Conditioning, rng::Stream, time::INDEPENDENT_EXPONENT, views::View};
 
     /// A model of weights that are nowhere zero.
     fn model() -> Model {
@@ -71,6 +71,7 @@ mod tests {
             unknown_counts: false,
             features: Features::Contrast,
             law: Law::Limits,
+            exponent: INDEPENDENT_EXPONENT,
         };
         let network = info.encoding().expect("a ladder").network();
         let mut weights = network.slots().draw(3);

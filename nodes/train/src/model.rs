@@ -19,7 +19,7 @@ use tauflow_data::{
     Image, TensorFile,
     methods::{Conditioning, Parameterization},
     records::ModelFile,
-    time::VarianceTime,
+    time::{INDEPENDENT_EXPONENT, VarianceTime},
 };
 use tauflow_tensors::Weights;
 
@@ -50,6 +50,17 @@ pub struct ModelInfo {
     /// The known factor of its targets.
     #[serde(default = "Law::unsaid", skip_serializing_if = "Law::is_unsaid")]
     pub law: Law,
+    /// The exponent alpha of the error in its training ladders, which falls with n^-alpha.
+    #[serde(default = "independent", skip_serializing_if = "is_independent")]
+    pub exponent: f64,
+}
+
+fn independent() -> f64 {
+    INDEPENDENT_EXPONENT
+}
+
+fn is_independent(exponent: &f64) -> bool {
+    *exponent == INDEPENDENT_EXPONENT
 }
 
 impl ModelInfo {
@@ -65,12 +76,16 @@ impl ModelInfo {
 
     /// The factors of the law for its targets, whatever its head has.
     pub(crate) fn exact_factors(&self) -> Result<Factors, KindError> {
-        Ok(Factors::new(self.parameterization, &self.counts, Law::Covariances)?)
+        self.factors(Law::Covariances)
+    }
+
+    fn factors(&self, law: Law) -> Result<Factors, KindError> {
+        Ok(Factors::new(self.parameterization, &self.counts, law)?.with_exponent(self.exponent)?)
     }
 
     pub(crate) fn encoding(&self) -> Result<Encoding, KindError> {
         Ok(Encoding {
-            factors: Factors::new(self.parameterization, &self.counts, self.law)?,
+            factors: self.factors(self.law)?,
             space: self.space,
             gbuffer: self.conditioning == Conditioning::Gbuffer,
             features: self.features,
@@ -319,6 +334,7 @@ mod tests {
             unknown_counts: false,
             features: Features::Contrast,
             law: Law::Limits,
+            exponent: INDEPENDENT_EXPONENT,
         };
         for output in [Output::Means, Output::ShadedMeans, Output::Values] {
             let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);

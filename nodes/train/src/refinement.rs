@@ -281,7 +281,7 @@ fn states(
         }
         ctx.progress(done as u64 + 1, params.nfe.counts().len() as u64, &format!("NFE {nfe}"));
     }
-    let clock = BridgeClock { n_min: clock.n_min() as u64, n_max: clock.n_max() as u64 };
+    let clock = BridgeClock::of(&clock);
     Ok(Rollout { clock, states })
 }
 

@@ -133,7 +133,7 @@ fn walk(
 /// count, which may differ from pixel to pixel; one network call.
 ///
 /// A rollout ends at I_m, the last rung, which contains the samples of I_n: with the law, the fraction n/m of its noise
-/// stays. Here all of it goes.
+/// stays (of as many independent samples as have that error). Here all of it goes.
 ///
 /// # Errors
 /// If the model is not of MC noise, the count is not within its ladder, it was not trained for unknown counts, or it
@@ -161,7 +161,7 @@ pub fn clean_estimate(
     readable(image, gbuffer)?;
     let mut state = encode(model, image)?;
     let prediction = model.predict(&state, gbuffer, count.map(|count| clock.tau(count)))?;
-    let share = count.map_or(1.0, |count| 1.0 - count / clock.n_max());
+    let share = count.map_or(1.0, |count| 1.0 - clock.independent(count) / clock.independent(clock.n_max()));
     for (state, noise) in state.data_mut().iter_mut().zip(prediction.data()) {
         *state -= (f64::from(*noise) / share) as f32;
     }

@@ -7,7 +7,7 @@ mod params;
 pub mod timing;
 mod trainer;
 
-pub use params::TrainingParams;
+pub use params::{Clock, TrainingParams};
 pub use tauflow_tensors::Decay;
 
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
 use batches::{DataSet, Draw};
 use checkpoint::Checkpoints;
 use params::LATER;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::time::Instant;
 use tauflow_contract::{
     Action, All, Basis, Context, Digest, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec,
@@ -25,7 +25,8 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
-    records::{ModelFile, PackedScene, TrainingLog, TrainingTiming},
+    records::{Convergence, ModelFile, PackedScene, TrainingLog, TrainingTiming},
+    time::INDEPENDENT_EXPONENT,
     timing::machine,
 };
 use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share, Weights};
@@ -42,6 +43,12 @@ const TEST: All<PackedScene> = All::new("test", "The test set; only its loss is 
 
 const START: All<ModelFile> =
     All::new("start", "A model whose weights the training begins with, in place of random ones.").or_none().single();
+
+const CONVERGENCE: All<Convergence> =
+    All::new("convergence", "How fast the error of such ladders falls, for `clock: fitted`.").or_none().single();
+
+/// Told where the fitted clock lacks what it is fitted by.
+const UNFITTED: &str = "`clock: fitted` needs the input `convergence`, but nothing is connected to it";
 
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.").single();
@@ -60,7 +67,7 @@ impl Kind for Training {
             summary: "Trains a solver (a neural denoiser).",
             manual: include_str!("training.md"),
             mode: Mode::Gather,
-            inputs: vec![TRAIN.port(), TEST.port(), START.port()],
+            inputs: vec![TRAIN.port(), TEST.port(), START.port(), CONVERGENCE.port()],
             outputs: vec![MODEL.port(), LOG.port(), TIMING.port()],
             seeded: true,
         }
@@ -84,6 +91,9 @@ impl Kind for Training {
                 let message = format!("the ladders of `{}` have one rung, but training needs two", first.name);
                 problems.push(Foreseen::input(TRAIN, message, "add a count to their `rungs`"));
             }
+        }
+        if params.clock == Clock::Fitted && !known.has(CONVERGENCE.name()) {
+            problems.push(Foreseen::param("/clock", UNFITTED, "connect one of such ladders, or use `independent`"));
         }
         problems.extend(train.iter().find_map(|set| facts::gbuffer(TRAIN, set, params.conditioning)));
         problems.extend(test.iter().find_map(|set| facts::gbuffer(TEST, set, params.conditioning)));
@@ -127,9 +137,33 @@ impl Kind for Training {
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
         let digest = action.all_if(START)?.map(Items::digest);
         let start = action.only_if(START)?.zip(digest);
-        let work = OneTraining { ctx, params, seed, train, test, start, place: Place::of(params.device)? };
+        let exponent = exponent(ctx, action)?;
+        let work = OneTraining { ctx, params, seed, train, test, start, exponent, place: Place::of(params.device)? };
         work.run(&mut Share::new())
     }
+}
+
+/// The exponent of the error that the clock follows.
+fn exponent(ctx: &Context<'_>, action: &Action<'_, TrainingParams>) -> Result<f64, KindError> {
+    if action.params.clock == Clock::Independent {
+        return Ok(INDEPENDENT_EXPONENT);
+    }
+    let measured = action.only_if(CONVERGENCE)?.ok_or_else(|| KindError::Input(UNFITTED.to_owned()))?;
+    let Some(slope) = measured.load(ctx)?.overall.slope else {
+        return Err(KindError::Input(format!(
+            "`{}` has no slope, because its ladders have no noise; connect one of noisy scenes",
+            CONVERGENCE.name()
+        )));
+    };
+    if !(-2.0..0.0).contains(&slope.mean) {
+        return Err(KindError::Input(format!(
+            "`{}` has the slope {:.3}, but the error of a ladder falls with a power between 0 and 2; use references of \
+            more samples",
+            CONVERGENCE.name(),
+            slope.mean
+        )));
+    }
+    Ok(-slope.mean)
 }
 
 /// All params, less those that came later where they say what was done before: in keys, checkpoints and logs.
@@ -147,6 +181,7 @@ struct OneTraining<'a> {
     train: Items<'a, PackedScene>,
     test: Option<Items<'a, PackedScene>>,
     start: Option<(Handle<'a, ModelFile>, Digest)>,
+    exponent: f64,
     place: Place,
 }
 
@@ -165,6 +200,21 @@ impl OneTraining<'_> {
                 test.counts, train.counts
             )));
         }
+        if let Some(test) = test.as_ref().filter(|t| t.sampler != train.sampler) {
+            return Err(KindError::Input(format!(
+                "the test scenes have samples by `{}`, but the training scenes by `{}`; give both ladders the same \
+                `sampler`",
+                test.sampler.name(),
+                train.sampler.name()
+            )));
+        }
+        if params.independent_targets && !train.sampler.is_independent() {
+            return Err(KindError::Input(
+                "`independent_targets` needs independent samples, but those of the training scenes are correlated; \
+                render them with `sampler: independent`, or remove the param"
+                    .into(),
+            ));
+        }
         if params.shuffle_targets && train.len() < 2 {
             return Err(KindError::Input("`shuffle_targets` needs at least two training scenes".into()));
         }
@@ -179,6 +229,7 @@ impl OneTraining<'_> {
             unknown_counts: params.unknown_counts != 0.0,
             features: params.features,
             law: params.law,
+            exponent: self.exponent,
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
         let start = self.first_weights(&info)?;
@@ -230,7 +281,10 @@ impl OneTraining<'_> {
     fn checkpoints(&self, info: &ModelInfo) -> Checkpoints {
         // How many steps follow matters only to a rate that falls towards the last.
         let steps = if self.params.decay == Decay::None { 0 } else { self.params.steps };
-        let params = telling(&TrainingParams { steps, ..self.params.clone() });
+        let mut params = telling(&TrainingParams { steps, ..self.params.clone() });
+        if self.exponent != INDEPENDENT_EXPONENT {
+            params["exponent"] = json!(self.exponent);
+        }
         let basis = Basis::new("training", VERSION, "checkpoint");
         let mut inputs = vec![self.train.digest()];
         inputs.extend(self.test.map(Items::digest));

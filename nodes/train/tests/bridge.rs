@@ -52,7 +52,7 @@ fn scene(sampler: SamplerKind, spp: u64) -> (PackedScene, Ladder) {
         estimated_error: None,
     };
     let held = Ladder { meta, rungs: vec![Rung { spp, image: mean }], variance };
-    (PackedScene { counts: (1..=10).collect(), states, gbuffer: None }, held)
+    (PackedScene { counts: (1..=10).collect(), states, gbuffer: None, sampler: Default::default() }, held)
 }
 
 struct Lab {

@@ -6,12 +6,17 @@ use std::{
     collections::BTreeMap,
     sync::atomic::{AtomicBool, Ordering},
 };
-use tauflow_contract::{Action, Collection, Context, Kind, KindError, MemoryBlobs, Outputs, Progress, Silent};
+use tauflow_contract::{
+    Action, Collection, Context, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Progress, Silent,
+};
 use tauflow_data::{
-    records::{PackedScene, TrainingLog, TrainingTiming},
+    SamplerKind,
+    records::{Convergence, ConvergenceRow, Estimate, PackedScene, TrainingLog, TrainingTiming},
     time::TimeGrid,
 };
-use tauflow_train::{Conditioning, Course, Decay, Model, Parameterization, Training, TrainingParams, rollout};
+use tauflow_train::{
+    Clock, Conditioning, Course, Decay, Denoiser, Model, Parameterization, Training, TrainingParams, rollout,
+};
 
 const COUNTS: [u64; 5] = [1, 2, 4, 8, 16];
 
@@ -30,19 +35,20 @@ impl Lab {
     }
 
     fn run(&self, params: &TrainingParams, progress: &dyn Progress, cancel: &AtomicBool) -> Result<Outputs, KindError> {
-        self.run_from(params, None, progress, cancel)
+        self.run_with(params, &[], progress, cancel)
     }
 
-    fn run_from(
+    /// With more ports than the scenes.
+    fn run_with(
         &self,
         params: &TrainingParams,
-        start: Option<&Collection>,
+        more: &[(&'static str, &Collection)],
         progress: &dyn Progress,
         cancel: &AtomicBool,
     ) -> Result<Outputs, KindError> {
         let ctx = Context::new(&self.blobs, progress, cancel);
         let mut all = BTreeMap::from([("train", &self.train), ("test", &self.test)]);
-        all.extend(start.map(|start| ("start", start)));
+        all.extend(more.iter().copied());
         let params = params.clone();
         Training::run(&ctx, &Action { params, item: None, group: "main", seed: 11, each: BTreeMap::new(), all })
     }
@@ -121,7 +127,8 @@ fn a_training_can_begin_with_the_weights_of_a_model() {
     let lab = Lab::new(3, 1, 24);
     let first = lab.train(&short());
     let cancel = AtomicBool::new(false);
-    let again = |params: &TrainingParams| lab.run_from(params, Some(&first.collections["model"]), &Silent, &cancel);
+    let again =
+        |params: &TrainingParams| lab.run_with(params, &[("start", &first.collections["model"])], &Silent, &cancel);
     let same = again(&TrainingParams { steps: 0, ..short() }).expect("no steps");
     let weights = |outputs: &Outputs| lab.bytes(outputs, "model");
     // Behind the header, which notes another number of steps.
@@ -267,4 +274,93 @@ fn unfit_data_are_refused_with_a_reason() {
     let wild = TrainingParams { learning_rate: 1e30, ..short() };
     assert!(refused(&lab, &wild).contains("`learning_rate`"));
     assert!(Training::check(&TrainingParams::default()).is_empty());
+}
+
+/// What `convergence` says of ladders of this slope.
+fn convergence(blobs: &MemoryBlobs, slope: Option<f64>) -> Collection {
+    let overall = ConvergenceRow {
+        stratum: "all".into(),
+        scenes: 1,
+        noiseless: u64::from(slope.is_none()),
+        unresolved: 0,
+        rmse: Vec::new(),
+        law: Vec::new(),
+        slope: slope.map(|mean| Estimate { mean, low: mean - 0.1, high: mean + 0.1 }),
+        mean: Vec::new(),
+        covariance: Vec::new(),
+        excess_kurtosis: None,
+        tail_index: None,
+        off_normal: Vec::new(),
+        trusted_from: None,
+        tail_share: 0.0,
+        heavy_scenes: 0,
+        heavy_tail: false,
+        mean_path_length: 2.0,
+        rejected: 0,
+    };
+    let record = Convergence {
+        reference_spp: 1024,
+        counts: COUNTS.to_vec(),
+        sampler: SamplerKind::Sobol,
+        overall,
+        strata: Vec::new(),
+        scenes: Vec::new(),
+        sde: Vec::new(),
+    };
+    let cancel = AtomicBool::new(false);
+    let stored = record.store(&Context::new(blobs, &Silent, &cancel)).expect("memory");
+    [(ItemKey::new("convergence").expect("a key"), stored.into_artifact())].into_iter().collect()
+}
+
+/// The scenes of a collection as if they were of another sampler.
+fn resampled(blobs: &MemoryBlobs, scenes: &Collection, sampler: SamplerKind) -> Collection {
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(blobs, &Silent, &cancel);
+    let of = |(key, artifact): (&ItemKey, &tauflow_contract::Artifact)| {
+        let scene = PackedScene::from_bytes(&ctx.part(artifact, "").expect("stored")).expect("own bytes");
+        let stored = PackedScene { sampler, ..scene }.store(&ctx).expect("memory");
+        (key.clone(), stored.into_artifact())
+    };
+    scenes.iter().map(of).collect()
+}
+
+#[test]
+fn a_clock_can_follow_the_error_of_the_ladders() {
+    let mut lab = Lab::new(3, 1, 24);
+    let cancel = AtomicBool::new(false);
+    let plain = lab.train(&short());
+    (lab.train, lab.test) = [&lab.train, &lab.test].map(|of| resampled(&lab.blobs, of, SamplerKind::Sobol)).into();
+    let measured = convergence(&lab.blobs, Some(-0.75));
+    let run = |lab: &Lab, params: &TrainingParams, measured: Option<&Collection>| {
+        let more: Vec<_> = measured.map(|of| ("convergence", of)).into_iter().collect();
+        lab.run_with(params, &more, &Silent, &cancel)
+    };
+    let fitted = TrainingParams { clock: Clock::Fitted, ..short() };
+    let outputs = run(&lab, &fitted, Some(&measured)).expect("trains");
+    let bytes = lab.bytes(&outputs, "model");
+    let model = Model::load(&bytes).expect("own bytes");
+    assert_eq!((model.clock().exponent(), model.info().exponent), (0.75, 0.75));
+    let eighth = 8f64.powf(-0.75);
+    assert!((model.clock().tau(8.0) - (1.0 - eighth) / (1.0 - 16f64.powf(-0.75))).abs() < 1e-12);
+    // The clock of independent samples is that of before, and files say nothing of it.
+    let same = run(&lab, &short(), Some(&measured)).expect("trains");
+    assert!(lab.bytes(&same, "model") == lab.bytes(&plain, "model") && bytes != lab.bytes(&plain, "model"));
+    assert!(!String::from_utf8_lossy(&lab.bytes(&plain, "model")[..2048]).contains("exponent"));
+    // Checkpoints of one clock are not those of another.
+    let other = convergence(&lab.blobs, Some(-0.6));
+    let steeper = run(&lab, &fitted, Some(&other)).expect("trains");
+    let timing: TrainingTiming = serde_json::from_slice(&lab.bytes(&steeper, "timing")).expect("a timing");
+    assert_eq!(timing.steps, short().steps);
+
+    let refused = |params: &TrainingParams, measured: Option<f64>, lab: &Lab| {
+        let measured = measured.map(|slope| convergence(&lab.blobs, Some(slope).filter(|slope| slope.is_finite())));
+        run(lab, params, measured.as_ref()).expect_err("refused").to_string()
+    };
+    assert!(refused(&fitted, None, &lab).contains("`clock: fitted` needs the input `convergence`"));
+    assert!(refused(&fitted, Some(f64::NAN), &lab).contains("has no slope"));
+    assert!(refused(&fitted, Some(0.01), &lab).contains("has the slope 0.010"));
+    let targets = TrainingParams { unknown_counts: 0.5, independent_targets: true, ..short() };
+    assert!(refused(&targets, None, &lab).contains("`independent_targets` needs independent samples"));
+    lab.test = resampled(&lab.blobs, &lab.test, SamplerKind::Independent);
+    assert!(refused(&short(), None, &lab).contains("by `independent`, but the training scenes by `sobol`"));
 }

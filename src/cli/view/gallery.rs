@@ -273,7 +273,7 @@ impl<'a> Gallery<'a> {
     fn states(&mut self, output: (usize, PortId), growing: &mut Growing<'_>) -> Result<(), Failure> {
         for (key, artifact) in self.items(output, growing.name) {
             let Rollout { clock, states } = self.read(output, &key, |ctx| Rollout::load(ctx, &artifact))?;
-            let time = VarianceTime::new(clock.n_min, clock.n_max).ok();
+            let time = clock.time().ok();
             for (said, image) in states {
                 let method =
                     if key.as_str().contains(&format!("={}", said.method)) { "" } else { said.method.as_str() };

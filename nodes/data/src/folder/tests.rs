@@ -202,7 +202,8 @@ fn radiances(ctx: &Context<'_>) -> Collection {
     let meta = serde_json::json!({"counts": [1], "width": 2, "height": 1, "rejected": 0, "mean_path_length": 1.5});
     let meta: LadderMeta = serde_json::from_value(meta).expect("a ladder's");
     let ladder = Ladder { meta, rungs: vec![Rung { spp: 1, image: raw.clone() }], variance: raw };
-    let packed = PackedScene { counts: vec![1], states: vec![exposed.clone()], gbuffer: None };
+    let packed =
+        PackedScene { counts: vec![1], states: vec![exposed.clone()], gbuffer: None, sampler: Default::default() };
     let said = RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe: 1 };
     let refined = Refined { images: vec![(said, exposed)], note: None };
     [

@@ -1,6 +1,10 @@
 //! The bridge between rungs: the images at its stops, and the tables that `bridge_validation` makes of them.
 
 use super::{Claim, Estimate, Refined, RefinedImages, estimate::infinite};
+use crate::{
+    DataError,
+    time::{INDEPENDENT_EXPONENT, VarianceTime},
+};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::{
@@ -210,12 +214,43 @@ impl Media for BridgeFiles {
 }
 
 /// First and last sample counts of the ladder that the solvers of a bridge were trained on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BridgeClock {
     /// First sample count.
     pub n_min: u64,
     /// Last sample count.
     pub n_max: u64,
+    /// The exponent alpha of the error, which falls with n^-alpha.
+    #[serde(default = "independent", skip_serializing_if = "is_independent")]
+    pub exponent: f64,
+}
+
+fn independent() -> f64 {
+    INDEPENDENT_EXPONENT
+}
+
+fn is_independent(exponent: &f64) -> bool {
+    *exponent == INDEPENDENT_EXPONENT
+}
+
+impl BridgeClock {
+    /// The ends of independent samples.
+    pub const fn new(n_min: u64, n_max: u64) -> Self {
+        Self { n_min, n_max, exponent: INDEPENDENT_EXPONENT }
+    }
+
+    /// The ends of a clock.
+    pub fn of(clock: &VarianceTime) -> Self {
+        Self { n_min: clock.n_min() as u64, n_max: clock.n_max() as u64, exponent: clock.exponent() }
+    }
+
+    /// The clock.
+    ///
+    /// # Errors
+    /// As [`VarianceTime::new`] and [`VarianceTime::with_exponent`].
+    pub fn time(&self) -> Result<VarianceTime, DataError> {
+        VarianceTime::new(self.n_min, self.n_max)?.with_exponent(self.exponent)
+    }
 }
 
 const CLOCK: &str = "bridge.json";

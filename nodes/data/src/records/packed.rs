@@ -1,14 +1,16 @@
 //! Scenes packed for learning.
 
 use super::GBuffer;
-use super::files::{Values, count_name, counts_of, put_image, read_image, read_layers};
-use crate::{DataError, Image, TensorFile, image_io::exr_bytes};
+use super::files::{Described, Values, count_name, counts_of, put_image, read_image, read_layers};
+use crate::{DataError, Image, SamplerKind, TensorFile, image_io::exr_bytes};
+use serde::{Deserialize, Serialize};
 use tauflow_contract::{Artifact, Context, KindError, Media, ReadFiles, Stored, WriteFiles, parse_json, pretty_json};
 
 const META: &str = "meta.json";
 
 /// A scene packed for learning: one safetensors blob with `states` [K, H, W, 3] (exposed linear radiance, one for each
-/// rung), optionally `gbuffer` [H, W, 6] (albedo, normal), and the note `counts`, a JSON list of K sample counts.
+/// rung), optionally `gbuffer` [H, W, 6] (albedo, normal), and the note `counts`, a JSON list of K sample counts. The
+/// note `sampler` is there where samples are not independent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackedScene {
     /// Sample counts, increasing.
@@ -17,6 +19,15 @@ pub struct PackedScene {
     pub states: Vec<Image>,
     /// Albedo and normal, 6 channels.
     pub gbuffer: Option<Image>,
+    /// How the samples of the rungs were drawn.
+    pub sampler: SamplerKind,
+}
+
+/// What files say beside the values of the images.
+#[derive(Default, Serialize, Deserialize)]
+struct Meta {
+    #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
+    sampler: SamplerKind,
 }
 
 impl PackedScene {
@@ -52,6 +63,9 @@ impl PackedScene {
         let mut file = TensorFile::default()
             .with("states", &shape, data)
             .note("counts", serde_json::to_string(&self.counts).expect("numbers"));
+        if !self.sampler.is_independent() {
+            file = file.note("sampler", serde_json::to_string(&self.sampler).expect("a name"));
+        }
         if let Some(gbuffer) = &self.gbuffer {
             file = file.with_image("gbuffer", gbuffer);
         }
@@ -83,7 +97,12 @@ impl PackedScene {
         let values = states.data.chunks_exact(states.data.len() / rungs);
         let states = values.map(|v| Image::from_data(width, height, channels, v.to_vec())).collect::<Result<_, _>>()?;
         let gbuffer = file.tensors.contains_key("gbuffer").then(|| file.image("gbuffer")).transpose()?;
-        let packed = Self { counts, states, gbuffer };
+        let sampler = match file.metadata.get("sampler") {
+            None => SamplerKind::unsaid(),
+            Some(json) => serde_json::from_str(json)
+                .map_err(|e| DataError::Format(format!("the note `sampler` of a packed scene: {e}")))?,
+        };
+        let packed = Self { counts, states, gbuffer, sampler };
         packed.check_gbuffer()?;
         Ok(packed)
     }
@@ -104,7 +123,8 @@ impl Media for PackedScene {
     fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {
         let packed = Self::load(ctx, artifact)?;
         let values = Values::of_exposed(to)?;
-        to.put(META, &pretty_json(&values)?)?;
+        let meta = Meta { sampler: packed.sampler };
+        to.put(META, &pretty_json(&Described { meta, values: Some(values) })?)?;
         for (count, state) in packed.counts.iter().zip(&packed.states) {
             put_image(to, &count_name(*count), &values.written(state))?;
         }
@@ -117,7 +137,9 @@ impl Media for PackedScene {
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
         let counts = counts_of(from)?;
-        let values: Option<Values> = from.get(META)?.map(|bytes| parse_json(META, &bytes)).transpose()?;
+        let said: Option<Described<Meta>> = from.get(META)?.map(|bytes| parse_json(META, &bytes)).transpose()?;
+        let Described { meta: Meta { sampler }, values } =
+            said.unwrap_or_else(|| Described { meta: Meta::default(), values: None });
         let state = |count: &u64| {
             let image = read_image(from, &format!("{}.exr", count_name(*count)))?;
             values.map_or_else(|| Ok(image.clone()), |values| values.exposed(image.clone()))
@@ -130,7 +152,7 @@ impl Media for PackedScene {
                 Some(albedo.beside(&normal)?)
             }
         };
-        Self { counts, states, gbuffer }.store(ctx)
+        Self { counts, states, gbuffer, sampler }.store(ctx)
     }
 }
 
@@ -145,7 +167,12 @@ mod tests {
             counts: vec![1, 2],
             states: vec![image(1.0), image(0.5)],
             gbuffer: Some(Image::new(2, 2, 6)),
+            sampler: SamplerKind::Independent,
         };
+        let correlated = PackedScene { sampler: SamplerKind::Sobol, ..packed.clone() };
+        let (bytes, others) = (packed.to_bytes().expect("consistent"), correlated.to_bytes().expect("consistent"));
+        assert_eq!(PackedScene::from_bytes(&others).expect("own bytes"), correlated);
+        assert!(!String::from_utf8_lossy(&bytes).contains("sampler"));
         let bytes = packed.to_bytes().expect("consistent");
         assert_eq!(PackedScene::from_bytes(&bytes).expect("own bytes"), packed);
         let wrong = PackedScene { counts: vec![1], ..packed.clone() };

@@ -82,14 +82,14 @@ fn images(ctx: &Context<'_>) {
     round_trip(ctx, &GBuffer { albedo: image(3, 0.1), normal: image(3, -0.1) });
     let gbuffer = Some(image(3, 0.1).beside(&image(3, -0.2)).expect("of one size"));
     let states = vec![image(3, 2.0), image(3, 1.0)];
-    let packed = PackedScene { counts: vec![1, 4], states, gbuffer };
+    let packed = PackedScene { counts: vec![1, 4], states, gbuffer, sampler: Default::default() };
     assert!(round_trip(ctx, &packed).contains_key("gbuffer.exr"));
     round_trip(ctx, &PackedScene { gbuffer: None, ..packed });
     let said = |nfe| RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
     let images = vec![(said(1), image(3, 3.0)), (said(2), image(3, 4.0))];
     round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
     generated(ctx, |value| image(3, value).map(|v| v.clamp(0.0, 1.0)));
-    let clock = BridgeClock { n_min: 1, n_max: 4 };
+    let clock = BridgeClock::new(1, 4);
     let setting = BTreeMap::from([("space".to_owned(), "linear".to_owned())]);
     round_trip(ctx, &BridgeSteps { clock, setting, images });
     let state = |calls, tau| RolloutState { method: "mc_noise".into(), from_spp: 1, nfe: 2, calls, tau };

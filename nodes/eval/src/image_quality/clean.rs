@@ -196,7 +196,8 @@ mod tests {
                 let level = 1.0 + 0.2 * stream.normal();
                 let state = render(level, &mut stream);
                 displayed.push(state.map(tauflow_data::image::preview));
-                let scene = PackedScene { counts: vec![4], states: vec![state], gbuffer: None };
+                let scene =
+                    PackedScene { counts: vec![4], states: vec![state], gbuffer: None, sampler: Default::default() };
                 let key = ItemKey::new(format!("L0-open-{at:06}")).expect("a key");
                 (key, scene.store(&ctx).expect("in memory").into_artifact())
             })

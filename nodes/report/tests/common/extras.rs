@@ -445,10 +445,7 @@ fn states(ctx: &Context<'_>, size: usize) -> Collection {
         let said = RolloutState { method: method.into(), from_spp: 1, nfe, calls, tau: calls as f64 / nfe as f64 };
         (said, Image::new(size, size, 3).map(|_| 0.2 + 0.1 * calls as f32))
     };
-    let rollout = Rollout {
-        clock: BridgeClock { n_min: 1, n_max: LAST },
-        states: [state(1, 1), state(2, 1), state(2, 2)].into(),
-    };
+    let rollout = Rollout { clock: BridgeClock::new(1, LAST), states: [state(1, 1), state(2, 1), state(2, 2)].into() };
     let own =
         |(name, _): (String, Stratum)| item(ctx, &format!("{}/{name}", cell_key(method, CONDITIONINGS[1])), &rollout);
     super::scenes().into_iter().step_by(2).map(own).collect()

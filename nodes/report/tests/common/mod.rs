@@ -149,7 +149,7 @@ pub fn pictures(ctx: &Context<'_>, size: usize) -> Result<Pictures, KindError> {
                 refined.items.extend([item(ctx, &own, &Refined { images, note: None })]);
             }
         }
-        let packed = PackedScene { counts, states, gbuffer: None };
+        let packed = PackedScene { counts, states, gbuffer: None, sampler: Default::default() };
         references.items.extend([item(ctx, &name, &packed)]);
     }
     Ok(Pictures { references, refined, rows })

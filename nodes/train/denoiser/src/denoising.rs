@@ -288,7 +288,7 @@ mod tests {
         }
         let wall = [0.5, 0.5, 0.5, 0.0, 0.0, 1.0].repeat(32 * 24);
         let gbuffer = Image::from_data(32, 24, 6, wall).expect("fits");
-        PackedScene { counts: vec![1, 2, 4, 8], states, gbuffer: Some(gbuffer) }
+        PackedScene { counts: vec![1, 2, 4, 8], states, gbuffer: Some(gbuffer), sampler: Default::default() }
     }
 
     fn run(params: Value) -> Result<Image, KindError> {

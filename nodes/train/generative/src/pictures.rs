@@ -23,7 +23,13 @@ pub(crate) fn load(
     let mut out: Vec<Rungs> = Vec::with_capacity(scenes.len());
     for (key, scene) in scenes.iter() {
         ctx.check_cancelled()?;
-        let PackedScene { counts, states, .. } = scene.load(ctx)?;
+        let PackedScene { counts, states, sampler, .. } = scene.load(ctx)?;
+        if last > 1 && !sampler.is_independent() {
+            return Err(KindError::Input(format!(
+                "the rungs of `{key}` on `{port}` have correlated samples, but their times are those of independent \
+                 ones; render them with `sampler: independent`"
+            )));
+        }
         let from = counts.len().saturating_sub(last);
         let pictures: Vec<Image> = states[from..].iter().map(|state| state.map(preview)).collect();
         let counts = counts[from..].to_vec();

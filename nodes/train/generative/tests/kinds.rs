@@ -58,7 +58,7 @@ fn scenes(blobs: &MemoryBlobs) -> Collection {
             };
             Image::from_data(SIDE, SIDE, 3, (0..SIDE * SIDE * 3).map(value).collect()).expect("fits")
         });
-        PackedScene { states: states.collect(), counts: counts.clone(), gbuffer: None }
+        PackedScene { states: states.collect(), counts: counts.clone(), gbuffer: None, sampler: Default::default() }
     };
     let item = |index| {
         let stored = with(blobs, |ctx| scene(index).store(ctx).expect("in memory"));
@@ -340,8 +340,12 @@ fn what_does_not_fit_is_said() {
         assert!(
             told(gather::<GenerativeTraining>(ctx, params(), &[("train", &none)])).contains("no scenes on `train`")
         );
-        let wide =
-            PackedScene { counts: vec![1, 2], states: vec![Image::new(16, 8, 3), Image::new(16, 8, 3)], gbuffer: None };
+        let wide = PackedScene {
+            counts: vec![1, 2],
+            states: vec![Image::new(16, 8, 3), Image::new(16, 8, 3)],
+            gbuffer: None,
+            sampler: Default::default(),
+        };
         let wide = [(key("wide"), wide.store(ctx).expect("in memory").into_artifact())].into_iter().collect();
         assert!(told(gather::<GenerativeTraining>(ctx, params(), &[("train", &wide)])).contains("render squares"));
         let adapters = adapter(ctx, &backbone, &scenes, Residuals::Rendered).expect("learns");

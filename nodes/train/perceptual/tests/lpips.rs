@@ -199,7 +199,12 @@ fn scores_gain_the_metric_of_their_own_images() {
     let file = PerceptualFile(weights.to_bytes().expect("shapes fit"));
     let weights: Collection = [(ItemKey::new("alex").expect("plain"), bench.store(&file))].into_iter().collect();
     let [clean, noisy] = pair(40, 36);
-    let packed = PackedScene { counts: vec![1, 2], states: vec![noisy.clone(), clean.clone()], gbuffer: None };
+    let packed = PackedScene {
+        counts: vec![1, 2],
+        states: vec![noisy.clone(), clean.clone()],
+        gbuffer: None,
+        sampler: Default::default(),
+    };
     let packed = bench.store(&packed);
     let shown = |image: &Image| image.map(preview);
 
@@ -231,7 +236,12 @@ fn scores_gain_the_metric_of_their_own_images() {
     // Values that are no numbers are told by scene.
     let mut broken = clean.clone();
     broken.data_mut()[5] = f32::NAN;
-    let broken = bench.store(&PackedScene { counts: vec![1, 2], states: vec![broken, clean], gbuffer: None });
+    let broken = bench.store(&PackedScene {
+        counts: vec![1, 2],
+        states: vec![broken, clean],
+        gbuffer: None,
+        sampler: Default::default(),
+    });
     let told = bench.run(&[hold[0].clone(), ("references", broken)], Some(&weights)).expect_err("not finite");
     assert!(told.contains("1 of the 4320 values") && told.contains("`hold`, 1 -> 1 samples"), "{told}");
 }

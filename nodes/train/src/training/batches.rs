@@ -12,12 +12,15 @@ use crate::{
 use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_contract::{All, Context, Items, KindError};
-use tauflow_data::{Image, maths, methods::Conditioning, records::PackedScene, rng::Stream, time::TimeGrid};
+use tauflow_data::{
+    Image, SamplerKind, maths, methods::Conditioning, records::PackedScene, rng::Stream, time::TimeGrid,
+};
 
 /// Scenes with the same rungs.
 #[derive(Debug)]
 pub(crate) struct DataSet {
     pub(crate) counts: Vec<u64>,
+    pub(crate) sampler: SamplerKind,
     scenes: Vec<PackedScene>,
 }
 
@@ -118,7 +121,7 @@ impl DataSet {
         let Some((first_key, first)) = scenes.first() else {
             return Err(KindError::Input(format!("input `{port}` has no scenes; raise the quota of its sampling")));
         };
-        let counts = first.counts.clone();
+        let (counts, sampler) = (first.counts.clone(), first.sampler);
         if counts.len() < 2 {
             return Err(KindError::Input(format!(
                 "scene {first_key} of input `{port}` has {} rungs; training needs at least two",
@@ -131,6 +134,14 @@ impl DataSet {
                     "scene {key} of input `{port}` has rungs {:?}, but {first_key} has {counts:?}; render all with the \
                      same `rungs`",
                     scene.counts
+                )));
+            }
+            if scene.sampler != sampler {
+                return Err(KindError::Input(format!(
+                    "scene {key} of input `{port}` has samples by `{}`, but {first_key} by `{}`; render all with the \
+                    same `sampler`",
+                    scene.sampler.name(),
+                    sampler.name()
                 )));
             }
             if let Some(image) = scene.states.iter().find(|s| s.data().iter().any(|v| !v.is_finite())) {
@@ -162,7 +173,7 @@ impl DataSet {
             Conditioning::Rgb => PackedScene { gbuffer: None, ..scene },
         };
         let scenes = scenes.into_iter().map(|(_, scene)| kept(scene)).collect();
-        Ok(Self { counts, scenes })
+        Ok(Self { counts, sampler, scenes })
     }
 
     /// Number of scenes.

@@ -12,6 +12,17 @@ use tauflow_contract::{Before, Later, ParamProblem};
 use tauflow_data::methods::{Conditioning, Parameterization};
 use tauflow_tensors::Decay;
 
+/// How the error of the training ladders falls with the sample count n.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// With n^(-1/2), as of independent samples.
+    #[default]
+    Independent,
+    /// With n^-alpha, whose exponent is minus the slope that `convergence` measured.
+    Fitted,
+}
+
 /// Params of `training`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -28,6 +39,8 @@ pub struct TrainingParams {
     pub loss: Loss,
     /// Seed of the initial weights and batches: trainings that differ only in it show the variance between trainings.
     pub draw: u64,
+    /// The law of the error that variance time and the factors of targets follow.
+    pub clock: Clock,
     /// Training steps; 0 keeps the initial weights, as a baseline.
     pub steps: u64,
     /// Number of training examples per step.
@@ -98,6 +111,7 @@ impl Default for TrainingParams {
             space: Space::default(),
             loss: Loss::default(),
             draw: 0,
+            clock: Clock::default(),
             steps: 60_000,
             batch: 16,
             crop: 128,
@@ -130,6 +144,7 @@ pub(super) const LATER: &[Later] = &[
     Later { pointer: "/output", before: Before::Text("means") },
     Later { pointer: "/features", before: Before::Text("contrast") },
     Later { pointer: "/law", before: Before::Text("limits") },
+    Later { pointer: "/clock", before: Before::Text("independent") },
     Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
     Later { pointer: "/independent_targets", before: Before::Flag(false) },
     Later { pointer: "/uneven_counts", before: Before::Number(0.0) },

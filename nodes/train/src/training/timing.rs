@@ -17,6 +17,7 @@ use tauflow_data::{
     Image,
     methods::{Conditioning, Parameterization},
     records::PackedScene,
+    time::INDEPENDENT_EXPONENT,
 };
 
 fn info(preset: Preset) -> ModelInfo {
@@ -31,6 +32,7 @@ fn info(preset: Preset) -> ModelInfo {
         unknown_counts: false,
         features: Features::Contrast,
         law: Law::Limits,
+        exponent: INDEPENDENT_EXPONENT,
     }
 }
 
@@ -48,7 +50,12 @@ fn image(side: usize, period: usize) -> Result<Image, KindError> {
 
 fn scene(side: usize) -> Result<PackedScene, KindError> {
     let states = [97, 89, 83].into_iter().map(|period| image(side, period)).collect::<Result<_, _>>()?;
-    Ok(PackedScene { counts: vec![1, 4, 16], states, gbuffer: Some(Image::new(side, side, 6)) })
+    Ok(PackedScene {
+        counts: vec![1, 4, 16],
+        states,
+        gbuffer: Some(Image::new(side, side, 6)),
+        sampler: Default::default(),
+    })
 }
 
 /// Milliseconds of each of some training steps with G-buffers on a made-up batch of `side` x `side` pixels, drawn anew

@@ -153,7 +153,10 @@ mod tests {
                 Image::from_data(side, side, 3, data).expect("fits")
             });
             let gbuffer = Some(Image::new(side, side, 6));
-            ("scene", PackedScene { counts: counts.to_vec(), states: states.collect(), gbuffer })
+            (
+                "scene",
+                PackedScene { counts: counts.to_vec(), states: states.collect(), gbuffer, sampler: Default::default() },
+            )
         });
         DataSet::new(scenes.collect(), "train", Conditioning::Gbuffer).expect("consistent")
     }

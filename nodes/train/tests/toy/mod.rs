@@ -52,7 +52,7 @@ pub fn scene(seed: u64, side: usize, counts: &[u64]) -> PackedScene {
             }
         }
     }
-    PackedScene { counts: counts.to_vec(), states, gbuffer: Some(albedo) }
+    PackedScene { counts: counts.to_vec(), states, gbuffer: Some(albedo), sampler: Default::default() }
 }
 
 /// Stores scenes `from..to` as a collection.

@@ -32,6 +32,7 @@ fn sized(width: usize, height: usize, of: f32) -> PackedScene {
         counts: COUNTS.to_vec(),
         states: (0..3).map(image).collect(),
         gbuffer: Some(Image::from_data(width, height, 6, gbuffer).expect("fits")),
+        sampler: Default::default(),
     }
 }
 
@@ -185,7 +186,15 @@ fn shuffled_targets_come_from_another_scene() {
             Image::from_data(SIDE, SIDE, 3, vec![value; SIDE * SIDE * 3]).expect("fits")
         };
         let gbuffer = Some(Image::new(SIDE, SIDE, 6));
-        ("scene", PackedScene { counts: COUNTS.to_vec(), states: (0..3).map(image).collect(), gbuffer })
+        (
+            "scene",
+            PackedScene {
+                counts: COUNTS.to_vec(),
+                states: (0..3).map(image).collect(),
+                gbuffer,
+                sampler: Default::default(),
+            },
+        )
     };
     let set = DataSet::new((0..3).map(packed).collect(), "train", Conditioning::Gbuffer).expect("fits");
     let encoding = encoding(Parameterization::McNoise);
