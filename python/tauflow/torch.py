@@ -143,12 +143,12 @@ def load(path: Union[str, os.PathLike[str]]) -> Solver:
         if unknown:
             told = f"{path}: the model has {unknown[0]}, which this version does not know; update `tauflow`"
             raise TauflowError(told)
-        if not 0 < _network.exponent(info) <= 2:
+        if not 0.05 <= _network.exponent(info) <= 2:
             raise ValueError("an exponent beyond those of ladders")
         plan, output = (info["preset"], _network.channels(info)), info.get("output", "means")
         expected = _network.shapes(*plan, output)
         net = _network.network(*plan, output, info["space"] == "log1p")
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, OverflowError, TypeError, ValueError):
         raise TauflowError(f"{path}: this is no model of a solver, or of another version") from None
     if "average.stem.kernel" in weights:
         weights = {name[len("average.") :]: w for name, w in weights.items() if name.startswith("average.")}

@@ -143,7 +143,7 @@ fn rungs_and_sizes_that_must_be_equal_are_compared() {
     assert!(said.contains("SSIM needs at least 11 x 11"), "{said}");
     one(&[("steps: 2, conditioning: rgb", "steps: 2, conditioning: gbuffer")], &["`train_set` has no G-buffers"]);
     let sampler = [("resolution: [32, 32], stream: 1", "resolution: [32, 32], stream: 1, sampler: sobol")];
-    one(&sampler, &["the samples of `test_ladders` are correlated"]);
+    one(&sampler, &["the samples of `test_set` are correlated, but those of `train_set` are independent"]);
     one(
         &[("references: test_set }, params: { from: 2 }", "references: test_set }, params: { from: 4 }")],
         &["the start of `scores[parameterization=mc_noise]` has 2 samples, but that of `hold` in `hold` has 4"],

@@ -100,6 +100,22 @@ pub fn independent(port: impl Named, source: &Source) -> Option<Foreseen> {
     })
 }
 
+/// Whether a source has independent samples and the other has not, or the other way round.
+pub fn same_sampling(port: impl Named, source: &Source, other: &Source) -> Option<Foreseen> {
+    let (own, others) = (source.facts.get(INDEPENDENT)?, other.facts.get(INDEPENDENT)?);
+    (own != others).then(|| {
+        let name = |independent| if independent { "independent" } else { "correlated" };
+        let message = format!(
+            "the samples of `{}` are {}, but those of `{}` are {}",
+            source.name,
+            name(own),
+            other.name,
+            name(others)
+        );
+        Foreseen::input(port, message, "render these ladders with the same `sampler`")
+    })
+}
+
 /// Whether there is the G-buffer that a conditioning needs.
 pub fn gbuffer(port: impl Named, source: &Source, conditioning: Conditioning) -> Option<Foreseen> {
     let lacks = conditioning == Conditioning::Gbuffer && source.facts.get(HAS_GBUFFER) == Some(false);

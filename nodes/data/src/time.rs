@@ -18,6 +18,9 @@ pub struct VarianceTime {
 /// The exponent of independent samples: their error falls with n^(-1/2).
 pub const INDEPENDENT_EXPONENT: f64 = 0.5;
 
+/// Exponents that a clock may have.
+pub const EXPONENTS: std::ops::RangeInclusive<f64> = 0.05..=2.0;
+
 impl VarianceTime {
     /// The clock of a ladder.
     ///
@@ -35,11 +38,13 @@ impl VarianceTime {
     /// The clock of the same ladder if its error falls with n^-exponent.
     ///
     /// # Errors
-    /// Unless 0 < exponent <= 2: no sampler of this project falls faster.
+    /// Unless the exponent is from 0.05 to 2. No sampler of this project is beyond; near 0 all samples have one time.
     pub fn with_exponent(self, exponent: f64) -> Result<Self, DataError> {
-        if !(exponent > 0.0 && exponent <= 2.0) {
+        if !EXPONENTS.contains(&exponent) {
             return Err(DataError::Format(format!(
-                "variance time needs an exponent of the error above 0 and at most 2, but it is {exponent}"
+                "variance time needs an exponent of the error from {} to {}, but it is {exponent}",
+                EXPONENTS.start(),
+                EXPONENTS.end()
             )));
         }
         Ok(Self { exponent, ..self })
@@ -53,7 +58,8 @@ impl VarianceTime {
     /// How many independent samples have the error of `n` samples, in units of the error of one: n^(2 alpha).
     ///
     /// Halves of an Owen-scrambled net are exchangeable, so that Cov(I_n, I_m) = Var(I_m) for powers of two n < m, as
-    /// with independent samples. The whole law therefore holds in these numbers.
+    /// with independent samples. What follows from variances and covariances therefore holds in these numbers, as far
+    /// as the error follows the power.
     pub fn independent(&self, n: f64) -> f64 {
         if self.is_of_independent() { n } else { libm::pow(n, 2.0 * self.exponent) }
     }
@@ -185,7 +191,7 @@ mod tests {
         }
         let grid = time.grid(1.0, 9, TimeGrid::Ladder);
         assert!((0..10).all(|i| (time.count(grid[i]) - f64::from(1u32 << i)).abs() < 1e-6));
-        for refused in [0.0, -0.5, 2.1, f64::NAN, f64::INFINITY] {
+        for refused in [0.0, 1e-17, -0.5, 2.1, f64::NAN, f64::INFINITY] {
             assert!(VarianceTime::new(1, 512).expect("a ladder").with_exponent(refused).is_err());
         }
     }

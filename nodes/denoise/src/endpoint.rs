@@ -2,7 +2,7 @@
 
 use tauflow_contract::{Each, Facts, Foreseen, KindError, Known};
 use tauflow_data::{
-    Image,
+    Image, SamplerKind,
     facts::{self, NFE, SPP},
     methods::{Conditioning, MethodName},
     records::{PackedScene, RefinedImage},
@@ -16,6 +16,8 @@ pub(crate) struct Endpoint<'a> {
     pub(crate) gbuffer: Option<&'a Image>,
     /// The metadata of an image that is computed from it in one step.
     pub(crate) said: RefinedImage,
+    /// How its samples were drawn.
+    pub(crate) sampler: SamplerKind,
 }
 
 /// What is known of the image that a method makes in one step of the rung of `from` samples, and what is sure to fail.
@@ -68,6 +70,6 @@ impl<'a> Endpoint<'a> {
         };
         let to_spp = scene.counts.last().copied().unwrap_or(from);
         let said = RefinedImage { method: method.as_str().to_owned(), from_spp: from, to_spp, nfe: 1 };
-        Ok(Self { color, gbuffer, said })
+        Ok(Self { color, gbuffer, said, sampler: scene.sampler })
     }
 }

@@ -236,7 +236,7 @@ impl Kind for ExternalDenoiser {
                     Some(denoiser) => denoiser.refine(ctx, endpoint)?,
                     None => {
                         let note = Some(format!("{}: {MISSING}", params.method.as_str()));
-                        (Refined { images: Vec::new(), note }, None)
+                        (Refined { note, ..Refined::default() }, None)
                     }
                 };
                 Ok(Outputs { seen, ..Outputs::default() }.put(REFINED, refined.store(ctx)?))
@@ -253,7 +253,7 @@ enum Denoiser<'a> {
 
 impl Denoiser<'_> {
     fn refine(&self, ctx: &Context<'_>, endpoint: Endpoint<'_>) -> Result<(Refined, Option<Seen>), KindError> {
-        let Endpoint { color, gbuffer, said } = endpoint;
+        let Endpoint { color, gbuffer, said, sampler } = endpoint;
         let (image, seen) = match self {
             Self::Program(params) => {
                 let (image, ran) = by_program(ctx, params, (color, gbuffer), true)?;
@@ -261,7 +261,7 @@ impl Denoiser<'_> {
             }
             Self::Library(oidn, params) => (averaged(&mut filters(oidn, params, (color, gbuffer), 1)?)?, None),
         };
-        Ok((Refined { images: vec![(said, image)], note: None }, seen))
+        Ok((Refined { images: vec![(said, image)], note: None, sampler }, seen))
     }
 
     /// The library's filters are made once, and timed by themselves on all cores; a program is timed whole. The
@@ -272,7 +272,7 @@ impl Denoiser<'_> {
         endpoint: &Endpoint<'_>,
         repeats: u64,
     ) -> Result<(Timing, Option<Seen>), KindError> {
-        let Endpoint { color, gbuffer, said } = endpoint;
+        let Endpoint { color, gbuffer, said, .. } = endpoint;
         match self {
             Self::Program(params) => {
                 let mut seen = None;

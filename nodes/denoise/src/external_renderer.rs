@@ -169,7 +169,7 @@ impl Kind for ExternalRenderer {
             Some(_) => command::version(&params.version).err(),
         };
         let put_images = |images: RefinedImages, note: Option<String>| -> Result<Outputs, KindError> {
-            Ok(Outputs::default().put(RENDERED, Refined { images, note }.store(ctx)?))
+            Ok(Outputs::default().put(RENDERED, Refined { images, note, ..Default::default() }.store(ctx)?))
         };
         let put_times =
             |times: Timing| -> Result<Outputs, KindError> { Ok(Outputs::default().put(TIMES, times.store(ctx)?)) };

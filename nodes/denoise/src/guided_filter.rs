@@ -145,14 +145,15 @@ impl Kind for GuidedFilter {
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let params = &action.params;
         let scene = action.read(ctx, ENDPOINTS)?;
-        let Endpoint { color, gbuffer, said } = Endpoint::of(&scene, &params.method, params.from, params.conditioning)?;
+        let Endpoint { color, gbuffer, said, sampler } =
+            Endpoint::of(&scene, &params.method, params.from, params.conditioning)?;
         match action.group {
             TIMING => {
                 let run = || filtered(color, gbuffer, params).map(|_| None);
                 Ok(Outputs::default().put(TIMES, timed::timing(ctx, &said, params.repeats, run)?.store(ctx)?))
             }
             _ => {
-                let refined = Refined { images: vec![(said, filtered(color, gbuffer, params)?)], note: None };
+                let refined = Refined { images: vec![(said, filtered(color, gbuffer, params)?)], note: None, sampler };
                 Ok(Outputs::default().put(REFINED, refined.store(ctx)?))
             }
         }

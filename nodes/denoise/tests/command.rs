@@ -160,7 +160,7 @@ fn the_script_of_the_manual_lists_items() {
     fs::write(&script, example("sh")).expect("writable");
     let image = |method: &str| {
         let said = RefinedImage { method: method.into(), from_spp: 1, to_spp: 2, nfe: 0 };
-        let refined = Refined { images: vec![(said, Image::new(1, 1, 3))], note: None };
+        let refined = Refined { images: vec![(said, Image::new(1, 1, 3))], note: None, ..Default::default() };
         refined.store(&bench.ctx()).expect("memory").into_artifact()
     };
     let items: Collection = [(key("a"), image("x")), (key("b"), image("y"))].into_iter().collect();

@@ -80,7 +80,7 @@ impl Bench {
     }
 
     fn images(&self, outputs: &Outputs) -> (RefinedImages, Option<String>) {
-        let Refined { images, note } = load(&self.ctx(), &outputs.items["refined"]);
+        let Refined { images, note, .. } = load(&self.ctx(), &outputs.items["refined"]);
         (images, note)
     }
 
@@ -338,7 +338,7 @@ fn rendered(params: ExternalRendererParams, group: &str) -> Result<(RefinedImage
     let outputs = ExternalRenderer::run(&ctx, &action)?;
     let (images, note) = match outputs.items.get("rendered") {
         Some(images) => {
-            let Refined { images, note } = load(&ctx, images);
+            let Refined { images, note, .. } = load(&ctx, images);
             (images, note)
         }
         None => (Vec::new(), None),

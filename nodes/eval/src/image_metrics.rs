@@ -98,9 +98,9 @@ impl Kind for ImageMetrics {
         let more = request::more(&action.params.also, action.params.ms_ssim_scales);
         let reference =
             Reference::with(last, more).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
-        let Refined { images, note } = match action.read_if(ctx, IMAGES)? {
+        let Refined { images, note, .. } = match action.read_if(ctx, IMAGES)? {
             Some(refined) => refined,
-            None => Refined { images: vec![own_rung(&scene, action.params.from)?], note: None },
+            None => Refined { images: vec![own_rung(&scene, action.params.from)?], note: None, ..Default::default() },
         };
         let mut scores = Vec::with_capacity(images.len());
         for (said, image) in images {

@@ -68,6 +68,7 @@ impl Kind for TimeErrorKind {
     fn foresee(_params: &Self::Params, known: &Known) -> Outlook {
         let (references, ladders) = (known.all(REFERENCES), known.all(LADDERS));
         let mut problems: Vec<Foreseen> = Vec::new();
+        problems.extend(ladders.iter().find_map(|of| facts::independent(LADDERS, of)));
         if let [reference] = references {
             problems.extend(facts::least_film(REFERENCES, reference, LEAST_SIDE, "SSIM"));
             problems.extend(ladders.iter().find_map(|of| facts::same_film(LADDERS, of, reference)));

@@ -3,7 +3,6 @@
 //! Knows where images and their times come from; how scenes are summed up is in `time_tables`.
 
 use crate::{
-    evaluation::coordinates,
     held_out::{Errors, HeldOut},
     metrics::Reference,
     time_samples::{Measured, MethodOf, Sample, quartiles},
@@ -12,7 +11,7 @@ use std::collections::BTreeMap;
 use tauflow_contract::{Context, Handle, ItemKey, Items, KindError, Media};
 use tauflow_data::{
     Image, SamplerKind,
-    methods::{Conditioning, GBUFFER, PATH_TRACER, PATH_TRACER_SOBOL, axes::SAMPLER},
+    methods::{Conditioning, GBUFFER, PATH_TRACER, PATH_TRACER_SOBOL},
     records::{Ladder, PackedScene, Refined, RefinedImage, TimedImage, Timing},
     timing::Repeated,
 };
@@ -69,32 +68,6 @@ impl<'a> Cells<'a> {
     }
 }
 
-impl<'a> Cells<'a> {
-    /// The times of the ladders of another sampler, if the images of a cell were made from them.
-    ///
-    /// # Errors
-    /// If there are no such ladders.
-    fn rendering(&self, cell: &str, key: &ItemKey) -> Result<Option<Handle<'a, Timing>>, KindError> {
-        let Some(sampler) = other_sampler(cell) else { return Ok(None) };
-        let made = |of: &&CellOf<'a, Rendering<'a>>| {
-            let ladders = of.images.values().all(|images| matches!(images, Rendering::Sampler(_)));
-            ladders && other_sampler(of.name).as_ref() == Some(&sampler)
-        };
-        let ladders = self.rendered.iter().find(made).ok_or_else(|| {
-            KindError::Input(format!(
-                "the images of `{cell}` were made from ladders by `{sampler}`, whose times are unknown; connect these \
-                 ladders to `sampled`, with `matrix: {{ sampler: [{sampler}] }}`, and their times to `rendered_times`"
-            ))
-        })?;
-        Ok(Some(ladders.scene(key)?.1))
-    }
-}
-
-/// The sampler on a cell's axis of this name, unless it is the independent one.
-fn other_sampler(cell: &str) -> Option<String> {
-    coordinates(cell).remove(SAMPLER).filter(|sampler| sampler != SamplerKind::Independent.name())
-}
-
 fn listed<'a, M: Media>(items: Option<Items<'a, M>>) -> impl Iterator<Item = (&'a ItemKey, Handle<'a, M>)> {
     items.into_iter().flat_map(Items::iter)
 }
@@ -137,15 +110,16 @@ impl<'a, I: Copy> CellOf<'a, I> {
     }
 }
 
-/// Images of one cell: each with its method's name and samples per pixel; and a note.
-type Images = (Vec<(String, u64, Image)>, Option<String>);
+/// Images of one cell: each with its method's name and samples per pixel; a note; and the sampler of our own ladders.
+type Images = (Vec<(String, u64, Image)>, Option<String>, Option<SamplerKind>);
 
 impl Rendering<'_> {
     fn load(self, ctx: &Context<'_>) -> Result<Images, KindError> {
         match self {
             Self::Renderer(images) => {
-                let Refined { images, note } = images.load(ctx)?;
-                Ok((images.into_iter().map(|(said, image)| (said.method, said.from_spp, image)).collect(), note))
+                let Refined { images, note, .. } = images.load(ctx)?;
+                let images = images.into_iter().map(|(said, image)| (said.method, said.from_spp, image)).collect();
+                Ok((images, note, None))
             }
             Self::Sampler(ladder) => {
                 let ladder = ladder.load(ctx)?;
@@ -153,7 +127,8 @@ impl Rendering<'_> {
                     SamplerKind::Independent => PATH_TRACER,
                     SamplerKind::Sobol => PATH_TRACER_SOBOL,
                 };
-                Ok((ladder.rungs.into_iter().map(|rung| (name.to_owned(), rung.spp, rung.image)).collect(), None))
+                let images = ladder.rungs.into_iter().map(|rung| (name.to_owned(), rung.spp, rung.image)).collect();
+                Ok((images, None, Some(ladder.meta.sampler)))
             }
         }
     }
@@ -268,10 +243,11 @@ impl<'a> Judge<'a> {
         times: &Timing,
         (rendering, own): (&Timing, &Timing),
     ) -> Result<Vec<Judged>, KindError> {
-        let other = other_sampler(cell);
         let judge = |(said, image): &(RefinedImage, Image)| {
-            let method = MethodOf::new(cell, &said.method);
-            let method = other.iter().fold(method, |method, sampler| method.from_sampler(sampler));
+            let mut method = MethodOf::new(cell, &said.method);
+            if !images.sampler.is_independent() {
+                method = method.from_sampler(images.sampler.name());
+            }
             let after = times_of(times, None, said.from_spp, said.nfe).ok_or_else(|| self.untimed(&said.method))?;
             let before = times_of(rendering, Some(PATH_TRACER), said.from_spp, 0);
             let before = before.ok_or_else(|| self.untimed(PATH_TRACER))?;
@@ -283,6 +259,27 @@ impl<'a> Judge<'a> {
             Ok((method, sample))
         };
         images.images.iter().map(judge).collect()
+    }
+}
+
+/// The times of the ladders of a sampler that the images of a cell were made from.
+fn rendering_by<'a>(
+    sampler: SamplerKind,
+    ladders: &'a [(SamplerKind, Timing)],
+    cell: &str,
+) -> Result<&'a Timing, KindError> {
+    let mut found = ladders.iter().filter(|(of, _)| *of == sampler).map(|(_, times)| times);
+    let name = sampler.name();
+    match (found.next(), found.next()) {
+        (Some(times), None) => Ok(times),
+        (None, _) => Err(KindError::Input(format!(
+            "the images of `{cell}` were made from ladders of `sampler: {name}`, whose times are unknown; connect \
+             these ladders to `sampled`, and their `timing` to `rendered_times`"
+        ))),
+        (Some(_), Some(_)) => Err(KindError::Input(format!(
+            "the images of `{cell}` were made from ladders of `sampler: {name}`, but several cells of `sampled` have \
+             it; connect one"
+        ))),
     }
 }
 
@@ -311,19 +308,26 @@ pub(crate) fn measured(
     let mut methods: BTreeMap<MethodOf, Vec<Sample>> = BTreeMap::new();
     let samples = judge.own(own)?;
     let mut judged = Vec::new();
+    // The times of ladders of other samplers.
+    let mut ladders: Vec<(SamplerKind, Timing)> = Vec::new();
     for cell in &cells.rendered {
         let (images, times) = cell.scene(key)?;
-        let (images, note) = images.load(ctx)?;
+        let (images, note, sampler) = images.load(ctx)?;
         notes.extend(note);
-        judged.extend(judge.rendered(cell.name, &images, &times.load(ctx)?, own.factor)?);
+        let times = times.load(ctx)?;
+        judged.extend(judge.rendered(cell.name, &images, &times, own.factor)?);
+        ladders.extend(sampler.map(|sampler| (sampler, times)));
     }
     for cell in &cells.refined {
         let (images, times) = cell.scene(key)?;
         let images = images.load(ctx)?;
         notes.extend(images.note.clone());
-        let rendering = cells.rendering(cell.name, key)?.map(|timing| timing.load(ctx)).transpose()?;
-        let rendering = (rendering.as_ref().unwrap_or(own.rendering), own.rendering);
-        judged.extend(judge.refined(cell.name, &images, &times.load(ctx)?, rendering)?);
+        let rendering = if images.sampler.is_independent() {
+            own.rendering
+        } else {
+            rendering_by(images.sampler, &ladders, cell.name)?
+        };
+        judged.extend(judge.refined(cell.name, &images, &times.load(ctx)?, (rendering, own.rendering))?);
     }
     for (method, sample) in judged {
         methods.entry(method).or_default().push(sample);

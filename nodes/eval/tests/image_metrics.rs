@@ -47,7 +47,7 @@ fn packed(ctx: &Context<'_>) -> Artifact {
 fn refined(ctx: &Context<'_>, images: &[(u64, Image)]) -> Artifact {
     let said = |nfe| RefinedImage { method: MC_NOISE.into(), from_spp: 1, to_spp: 4, nfe };
     let images = images.iter().map(|(nfe, image)| (said(*nfe), image.clone())).collect();
-    Refined { images, note: None }.store(ctx).expect("stored").into_artifact()
+    Refined { images, note: None, ..Default::default() }.store(ctx).expect("stored").into_artifact()
 }
 
 fn scores(ctx: &Context<'_>, outputs: &Outputs) -> SceneScores {

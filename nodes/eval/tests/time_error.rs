@@ -119,7 +119,11 @@ fn other_samplers_and_renderers_take_their_own_time_and_are_exposed() {
         bench.put("rendered_times", &key, &timing(PATH_TRACER, 0, &[(4, 0.05)]));
         let said = RefinedImage { method: "mitsuba".into(), from_spp: 4, to_spp: 4, nfe: 0 };
         let images = vec![(said, off(0.01))];
-        bench.put("rendered", &format!("method=mitsuba/{scene}"), &Refined { images, note: None });
+        bench.put(
+            "rendered",
+            &format!("method=mitsuba/{scene}"),
+            &Refined { images, note: None, ..Default::default() },
+        );
         bench.put("rendered_times", &format!("method=mitsuba/{scene}"), &timing("mitsuba", 0, &[(4, 0.08)]));
     }
     // A solver from either sampler, which halves the error in 0.02 s.
@@ -128,7 +132,8 @@ fn other_samplers_and_renderers_take_their_own_time_and_are_exposed() {
             let key = format!("sampler={sampler}/{scene}");
             let said = RefinedImage { method: "mc_noise".into(), from_spp: 4, to_spp: 16, nfe: 1 };
             let exposed = off(mse / 2.0).map(|v| v * FACTOR as f32);
-            bench.put("refined", &key, &Refined { images: vec![(said, exposed)], note: None });
+            let of = if sampler == "sobol" { SamplerKind::Sobol } else { SamplerKind::Independent };
+            bench.put("refined", &key, &Refined { images: vec![(said, exposed)], note: None, sampler: of });
             bench.put("times", &key, &timing("mc_noise", 1, &[(4, 0.02)]));
         }
     }
@@ -159,7 +164,7 @@ fn refined_images_take_the_endpoints_time_too() {
         let key = format!("conditioning=rgb+from=1/{scene}");
         let said = RefinedImage { method: MC_NOISE.into(), from_spp: 1, to_spp: 16, nfe: 2 };
         let images = vec![(said, off(0.01).map(|v| v * FACTOR as f32))];
-        bench.put("refined", &key, &Refined { images, note: None });
+        bench.put("refined", &key, &Refined { images, note: None, ..Default::default() });
         bench.put("times", &key, &timing(MC_NOISE, 2, &[(1, 0.03)]));
     }
     let tables = bench.tables();

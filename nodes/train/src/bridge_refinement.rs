@@ -26,7 +26,6 @@ use tauflow_data::{
     },
     records::{BridgeClock, BridgeSteps, Exposure, Ladder, ModelFile, PackedScene, RefinedImage, RefinedImages},
     rng::Stream,
-    time::INDEPENDENT_EXPONENT,
 };
 
 /// The kind `bridge_refinement`.
@@ -112,6 +111,7 @@ impl Kind for BridgeRefinement {
                 let hint = format!("connect a cell with `{}`", wanted.name());
                 problems.push(Foreseen::input(port, message, hint));
             }
+            problems.extend(facts::independent(port, model));
             if let Some(conditioning) = model.facts.get(CONDITIONING) {
                 problems.extend(model_needs_gbuffer(&endpoints, model, conditioning));
             }
@@ -132,6 +132,13 @@ impl Kind for BridgeRefinement {
         let model = |port, parameterization| expect(Model::read(ctx, action.only(port)?, &place)?, parameterization);
         let noise = model(MC_NOISE, Parameterization::McNoise)?;
         let local = model(LOCAL_VELOCITY, Parameterization::LocalVelocity)?;
+        if [&noise, &local].iter().any(|model| !model.info().sampler.is_independent()) {
+            return Err(KindError::Input(
+                "what is expected at a stop is known for independent samples alone, but the solvers were trained on \
+                others; train them on ladders with `sampler: independent`"
+                    .into(),
+            ));
+        }
         if noise.clock() != local.clock() {
             return Err(KindError::Input(
                 "the two solvers were trained on different ladders; train both on the same rungs".into(),
@@ -145,10 +152,10 @@ impl Kind for BridgeRefinement {
             )));
         }
         let scene = action.read(ctx, ENDPOINTS)?;
-        if !scene.sampler.is_independent() || noise.clock().exponent() != INDEPENDENT_EXPONENT {
+        if !scene.sampler.is_independent() {
             return Err(KindError::Input(
-                "what is expected at a stop is known for independent samples alone, but the endpoints or the solvers \
-                have others; use ladders with `sampler: independent` for both, and solvers without `convergence`"
+                "what is expected at a stop is known for independent samples alone, but those of the endpoints are \
+                correlated; render them with `sampler: independent`"
                     .into(),
             ));
         }

@@ -56,7 +56,7 @@ mod tests {
         model::ModelInfo,
         network::{Features, Output, Preset},
     };
-    use tauflow_data::{methods::Conditioning, rng::Stream, time::INDEPENDENT_EXPONENT, views::View};
+    use tauflow_data::{SamplerKind, methods::Conditioning, rng::Stream, time::INDEPENDENT_EXPONENT, views::View};
 
     /// A model of weights that are nowhere zero.
     fn model() -> Model {
@@ -72,6 +72,7 @@ mod tests {
             features: Features::Contrast,
             law: Law::Limits,
             exponent: INDEPENDENT_EXPONENT,
+            sampler: SamplerKind::Independent,
         };
         let network = info.encoding().expect("a ladder").network();
         let mut weights = network.slots().draw(3);

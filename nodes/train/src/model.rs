@@ -16,7 +16,7 @@ use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{Context, Handle, KindError};
 use tauflow_data::{
-    Image, TensorFile,
+    Image, SamplerKind, TensorFile,
     methods::{Conditioning, Parameterization},
     records::ModelFile,
     time::{INDEPENDENT_EXPONENT, VarianceTime},
@@ -53,6 +53,9 @@ pub struct ModelInfo {
     /// The exponent alpha of the error in its training ladders, which falls with n^-alpha.
     #[serde(default = "independent", skip_serializing_if = "is_independent")]
     pub exponent: f64,
+    /// How the samples of its training ladders were drawn.
+    #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
+    pub sampler: SamplerKind,
 }
 
 fn independent() -> f64 {
@@ -335,6 +338,7 @@ mod tests {
             features: Features::Contrast,
             law: Law::Limits,
             exponent: INDEPENDENT_EXPONENT,
+            sampler: SamplerKind::Independent,
         };
         for output in [Output::Means, Output::ShadedMeans, Output::Values] {
             let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);

@@ -253,7 +253,7 @@ impl Kind for Refinement {
             images.push((said, image));
             ctx.progress(done as u64 + 1, counts.len() as u64, &format!("NFE {nfe}"));
         }
-        Ok(Outputs::default().put(REFINED, Refined { images, note: None }.store(ctx)?))
+        Ok(Outputs::default().put(REFINED, Refined { images, note: None, sampler: scene.sampler }.store(ctx)?))
     }
 }
 

@@ -215,11 +215,12 @@ mod tests {
         clean: f32,
         noisy: f32,
         calls: Cell<usize>,
+        exponent: f64,
     }
 
     impl Oracle {
         fn new(kind: Parameterization, space: Space) -> Self {
-            Self { kind, space, clean: space.encode(2.0), noisy: space.encode(7.0), calls: Cell::new(0) }
+            Self { kind, space, clean: space.encode(2.0), noisy: space.encode(7.0), calls: Cell::new(0), exponent: 0.5 }
         }
     }
 
@@ -233,7 +234,7 @@ mod tests {
         }
 
         fn clock(&self) -> VarianceTime {
-            VarianceTime::new(1, 512).expect("a ladder")
+            VarianceTime::new(1, 512).expect("a ladder").with_exponent(self.exponent).expect("an exponent")
         }
 
         fn predict(&self, state: &Image, _: Option<&Image>, tau: Option<f64>) -> Result<Image, KindError> {
@@ -288,6 +289,17 @@ mod tests {
             for count in [0, 512, 600] {
                 assert!(clean_estimate(&oracle, &noisy(), None, Some(count)).is_err(), "{count}");
             }
+        }
+    }
+
+    #[test]
+    fn a_clean_image_is_as_far_as_the_error_of_the_ladder_says() {
+        // A perfect network predicts the noise of n samples that those of 512 lack: 1 - (n/512)^(2 alpha) of it.
+        for (exponent, count) in [(0.5, 64u64), (0.75, 64), (0.75, 2)] {
+            let oracle = Oracle { exponent, ..Oracle::new(Parameterization::McNoise, Space::Linear) };
+            let found = clean_estimate(&oracle, &noisy(), None, Some(count)).expect("one").data()[0];
+            let share = 1.0 - (count as f64 / 512.0).powf(2.0 * exponent);
+            assert!((f64::from(found) - (7.0 - 5.0 / share)).abs() < 1e-4, "{exponent} {count}: {found}");
         }
     }
 

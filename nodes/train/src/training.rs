@@ -24,9 +24,11 @@ use tauflow_contract::{
     Known, Later, Media, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
 };
 use tauflow_data::{
-    facts::{self, CONDITIONING, PARAMETERIZATION, RUNGS},
+    SamplerKind,
+    facts::{self, CONDITIONING, INDEPENDENT, PARAMETERIZATION, RUNGS},
     records::{Convergence, ModelFile, PackedScene, TrainingLog, TrainingTiming},
-    time::INDEPENDENT_EXPONENT,
+    statistics::quantile,
+    time::{EXPONENTS, INDEPENDENT_EXPONENT},
     timing::machine,
 };
 use tauflow_tensors::{Checkpoints as Kept, Curve, Rates, Score, Share, Weights};
@@ -87,6 +89,11 @@ impl Kind for Training {
         if let Some(first) = train.first() {
             problems.extend(train.iter().find_map(|other| facts::same_rungs(TRAIN, other, first)));
             problems.extend(test.iter().find_map(|other| facts::same_rungs(TEST, other, first)));
+            problems.extend(train.iter().find_map(|other| facts::same_sampling(TRAIN, other, first)));
+            problems.extend(test.iter().find_map(|other| facts::same_sampling(TEST, other, first)));
+            if params.independent_targets {
+                problems.extend(facts::independent(TRAIN, first));
+            }
             if first.facts.get(RUNGS).is_some_and(|rungs| rungs.len() < 2) {
                 let message = format!("the ladders of `{}` have one rung, but training needs two", first.name);
                 problems.push(Foreseen::input(TRAIN, message, "add a count to their `rungs`"));
@@ -99,6 +106,7 @@ impl Kind for Training {
         problems.extend(test.iter().find_map(|set| facts::gbuffer(TEST, set, params.conditioning)));
         let model = Facts::default()
             .with_some(RUNGS, facts::shared(train, RUNGS))
+            .with_some(INDEPENDENT, facts::shared(train, INDEPENDENT))
             .with(CONDITIONING, params.conditioning)
             .with(PARAMETERIZATION, params.parameterization);
         Outlook::default().with(MODEL, model).but(problems)
@@ -137,33 +145,67 @@ impl Kind for Training {
             if params.draw == 0 { action.seed } else { derive_seed(action.seed, "draw", &params.draw.to_string()) };
         let digest = action.all_if(START)?.map(Items::digest);
         let start = action.only_if(START)?.zip(digest);
-        let exponent = exponent(ctx, action)?;
-        let work = OneTraining { ctx, params, seed, train, test, start, exponent, place: Place::of(params.device)? };
+        let fitted = fitted(ctx, action)?;
+        let work = OneTraining { ctx, params, seed, train, test, start, fitted, place: Place::of(params.device)? };
         work.run(&mut Share::new())
     }
 }
 
-/// The exponent of the error that the clock follows.
-fn exponent(ctx: &Context<'_>, action: &Action<'_, TrainingParams>) -> Result<f64, KindError> {
+/// What the fitted clock follows; none for the clock of independent samples.
+fn fitted(ctx: &Context<'_>, action: &Action<'_, TrainingParams>) -> Result<Option<Fitted>, KindError> {
     if action.params.clock == Clock::Independent {
-        return Ok(INDEPENDENT_EXPONENT);
+        return Ok(None);
     }
     let measured = action.only_if(CONVERGENCE)?.ok_or_else(|| KindError::Input(UNFITTED.to_owned()))?;
-    let Some(slope) = measured.load(ctx)?.overall.slope else {
+    let (measured, port) = (measured.load(ctx)?, CONVERGENCE.name());
+    // The median: the slope of a scene with rare fireflies can have any sign.
+    let mut slopes: Vec<f64> = measured.scenes.iter().filter_map(|scene| Some(scene.slope?.mean)).collect();
+    slopes.sort_by(f64::total_cmp);
+    if slopes.is_empty() {
         return Err(KindError::Input(format!(
-            "`{}` has no slope, because its ladders have no noise; connect one of noisy scenes",
-            CONVERGENCE.name()
-        )));
-    };
-    if !(-2.0..0.0).contains(&slope.mean) {
-        return Err(KindError::Input(format!(
-            "`{}` has the slope {:.3}, but the error of a ladder falls with a power between 0 and 2; use references of \
-            more samples",
-            CONVERGENCE.name(),
-            slope.mean
+            "`{port}` has no slope, because no scene has noise above that of its reference; connect noisy scenes with \
+            references of more samples"
         )));
     }
-    Ok(-slope.mean)
+    let exponent = -quantile(&slopes, 0.5);
+    if !EXPONENTS.contains(&exponent) {
+        return Err(KindError::Input(format!(
+            "the scenes of `{port}` have the median slope {:.3}, but a clock needs one from -{} to -{}; measure more \
+            scenes, with references of more samples",
+            -exponent,
+            EXPONENTS.end(),
+            EXPONENTS.start()
+        )));
+    }
+    Ok(Some(Fitted { exponent, sampler: measured.sampler }))
+}
+
+/// What `convergence` measured.
+struct Fitted {
+    exponent: f64,
+    sampler: SamplerKind,
+}
+
+impl Fitted {
+    /// Whether these are scenes that it holds for.
+    fn fits(&self, set: &DataSet) -> Result<(), KindError> {
+        if self.sampler != set.sampler {
+            return Err(KindError::Input(format!(
+                "the ladders of `{}` have samples by `{}`, but the training scenes by `{}`; connect one of such \
+                ladders",
+                CONVERGENCE.name(),
+                self.sampler.name(),
+                set.sampler.name()
+            )));
+        }
+        if let Some(count) = set.counts.iter().find(|count| !count.is_power_of_two()) {
+            return Err(KindError::Input(format!(
+                "`clock: fitted` needs rungs of powers of two, between which Sobol' points do not follow the law, \
+                but the training scenes have one of {count} samples; use `rungs: {{ dyadic: N }}`"
+            )));
+        }
+        Ok(())
+    }
 }
 
 /// All params, less those that came later where they say what was done before: in keys, checkpoints and logs.
@@ -181,7 +223,7 @@ struct OneTraining<'a> {
     train: Items<'a, PackedScene>,
     test: Option<Items<'a, PackedScene>>,
     start: Option<(Handle<'a, ModelFile>, Digest)>,
-    exponent: f64,
+    fitted: Option<Fitted>,
     place: Place,
 }
 
@@ -208,6 +250,7 @@ impl OneTraining<'_> {
                 train.sampler.name()
             )));
         }
+        self.fitted.as_ref().map_or(Ok(()), |fitted| fitted.fits(&train))?;
         if params.independent_targets && !train.sampler.is_independent() {
             return Err(KindError::Input(
                 "`independent_targets` needs independent samples, but those of the training scenes are correlated; \
@@ -229,7 +272,8 @@ impl OneTraining<'_> {
             unknown_counts: params.unknown_counts != 0.0,
             features: params.features,
             law: params.law,
-            exponent: self.exponent,
+            exponent: self.exponent(),
+            sampler: train.sampler,
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
         let start = self.first_weights(&info)?;
@@ -264,6 +308,10 @@ impl OneTraining<'_> {
         Model::load(&bytes.0)?.into_weights_for(info).map(Some)
     }
 
+    fn exponent(&self) -> f64 {
+        self.fitted.as_ref().map_or(INDEPENDENT_EXPONENT, |fitted| fitted.exponent)
+    }
+
     fn rates(&self) -> Rates {
         let p = self.params;
         Rates {
@@ -282,8 +330,8 @@ impl OneTraining<'_> {
         // How many steps follow matters only to a rate that falls towards the last.
         let steps = if self.params.decay == Decay::None { 0 } else { self.params.steps };
         let mut params = telling(&TrainingParams { steps, ..self.params.clone() });
-        if self.exponent != INDEPENDENT_EXPONENT {
-            params["exponent"] = json!(self.exponent);
+        if let Some(fitted) = &self.fitted {
+            params["exponent"] = json!(fitted.exponent);
         }
         let basis = Basis::new("training", VERSION, "checkpoint");
         let mut inputs = vec![self.train.digest()];

@@ -193,6 +193,9 @@ fn methods_of_all_rules_spaces_and_estimates_are_there() {
 fn references_that_do_not_fit_are_refused() {
     let lab = Lab::new();
     let (packed, held) = scene(SamplerKind::Sobol, HELD);
+    let correlated = PackedScene { sampler: SamplerKind::Sobol, ..packed.clone() };
+    let refused = lab.bridge([Space::Linear; 2], &correlated, None).expect_err("refused").to_string();
+    assert!(refused.contains("those of the endpoints are correlated"), "{refused}");
     let refusal = |spaces, held: &Ladder| lab.bridge(spaces, &packed, Some(held)).expect_err("refused").to_string();
     assert!(refusal([Space::Linear; 2], &held).contains("sampler: independent"));
     assert!(refusal([Space::Linear, Space::Log1p], &held).contains("trained in different settings"));

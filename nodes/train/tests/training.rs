@@ -11,11 +11,11 @@ use tauflow_contract::{
 };
 use tauflow_data::{
     SamplerKind,
-    records::{Convergence, ConvergenceRow, Estimate, PackedScene, TrainingLog, TrainingTiming},
+    records::{Convergence, ConvergenceRow, Estimate, PackedScene, SceneConvergence, TrainingLog, TrainingTiming},
     time::TimeGrid,
 };
 use tauflow_train::{
-    Clock, Conditioning, Course, Decay, Denoiser, Model, Parameterization, Training, TrainingParams, rollout,
+    Clock, Conditioning, Course, Decay, Denoiser, Model, ModelInfo, Parameterization, Training, TrainingParams, rollout,
 };
 
 const COUNTS: [u64; 5] = [1, 2, 4, 8, 16];
@@ -276,16 +276,33 @@ fn unfit_data_are_refused_with_a_reason() {
     assert!(Training::check(&TrainingParams::default()).is_empty());
 }
 
-/// What `convergence` says of ladders of this slope.
+/// What `convergence` says of ladders of scenes with this median slope.
 fn convergence(blobs: &MemoryBlobs, slope: Option<f64>) -> Collection {
+    let estimate = |mean| Estimate { mean, low: mean - 0.1, high: mean + 0.1 };
+    let scene = |(name, off): (&str, f64)| SceneConvergence {
+        scene: name.into(),
+        slope: slope.map(|slope| estimate(slope + off)),
+        unresolved: 0,
+        variance: Vec::new(),
+        excess_kurtosis: None,
+        tail_index: None,
+        tail_share: 0.0,
+        off_normal: Vec::new(),
+        trusted_from: None,
+        image: Vec::new(),
+        image_from: None,
+        heavy_tail: false,
+        reasons: Vec::new(),
+        trust: String::new(),
+    };
     let overall = ConvergenceRow {
         stratum: "all".into(),
-        scenes: 1,
-        noiseless: u64::from(slope.is_none()),
+        scenes: 3,
+        noiseless: 0,
         unresolved: 0,
         rmse: Vec::new(),
         law: Vec::new(),
-        slope: slope.map(|mean| Estimate { mean, low: mean - 0.1, high: mean + 0.1 }),
+        slope: slope.map(|slope| estimate(slope + 0.3)),
         mean: Vec::new(),
         covariance: Vec::new(),
         excess_kurtosis: None,
@@ -304,7 +321,7 @@ fn convergence(blobs: &MemoryBlobs, slope: Option<f64>) -> Collection {
         sampler: SamplerKind::Sobol,
         overall,
         strata: Vec::new(),
-        scenes: Vec::new(),
+        scenes: [("one", 1.0), ("two", -0.1), ("three", 0.0)].map(scene).to_vec(),
         sde: Vec::new(),
     };
     let cancel = AtomicBool::new(false);
@@ -340,11 +357,17 @@ fn a_clock_can_follow_the_error_of_the_ladders() {
     let bytes = lab.bytes(&outputs, "model");
     let model = Model::load(&bytes).expect("own bytes");
     assert_eq!((model.clock().exponent(), model.info().exponent), (0.75, 0.75));
+    assert_eq!(model.info().sampler, SamplerKind::Sobol);
     let eighth = 8f64.powf(-0.75);
     assert!((model.clock().tau(8.0) - (1.0 - eighth) / (1.0 - 16f64.powf(-0.75))).abs() < 1e-12);
     // The clock of independent samples is that of before, and files say nothing of it.
     let same = run(&lab, &short(), Some(&measured)).expect("trains");
-    assert!(lab.bytes(&same, "model") == lab.bytes(&plain, "model") && bytes != lab.bytes(&plain, "model"));
+    let same = Model::load(&lab.bytes(&same, "model")).expect("own bytes");
+    let before = Model::load(&lab.bytes(&plain, "model")).expect("own bytes");
+    assert_eq!(same.info(), &ModelInfo { sampler: SamplerKind::Sobol, ..before.info().clone() });
+    let state = toy::scene(5, 24, &COUNTS).states[0].clone();
+    let predicted = |model: &Model| model.predict_batch(&[&state], &[None], &[Some(0.3)]).expect("fits");
+    assert!(predicted(&same) == predicted(&before) && predicted(&model) != predicted(&before));
     assert!(!String::from_utf8_lossy(&lab.bytes(&plain, "model")[..2048]).contains("exponent"));
     // Checkpoints of one clock are not those of another.
     let other = convergence(&lab.blobs, Some(-0.6));
@@ -358,7 +381,11 @@ fn a_clock_can_follow_the_error_of_the_ladders() {
     };
     assert!(refused(&fitted, None, &lab).contains("`clock: fitted` needs the input `convergence`"));
     assert!(refused(&fitted, Some(f64::NAN), &lab).contains("has no slope"));
-    assert!(refused(&fitted, Some(0.01), &lab).contains("has the slope 0.010"));
+    assert!(refused(&fitted, Some(0.01), &lab).contains("have the median slope 0.010"));
+    let independent = [&lab.train, &lab.test].map(|of| resampled(&lab.blobs, of, SamplerKind::Independent));
+    let correlated = std::mem::replace(&mut lab.train, independent[0].clone());
+    assert!(refused(&fitted, Some(-0.6), &lab).contains("by `sobol`, but the training scenes by `independent`"));
+    lab.train = correlated;
     let targets = TrainingParams { unknown_counts: 0.5, independent_targets: true, ..short() };
     assert!(refused(&targets, None, &lab).contains("`independent_targets` needs independent samples"));
     lab.test = resampled(&lab.blobs, &lab.test, SamplerKind::Independent);

@@ -23,7 +23,7 @@ fn collection(ctx: &Context<'_>, rungs: u64) -> Collection {
         let said = RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
         (said, Image::from_data(2, 1, 3, vec![0.1, 1.0, 7.5, 0.0, 2.0, nfe as f32]).expect("fits"))
     };
-    let refined = Refined { images: (1..=rungs).map(image).collect(), note: None };
+    let refined = Refined { images: (1..=rungs).map(image).collect(), note: None, ..Default::default() };
     let exposure = Exposure { factor: 0.3, ev: 0.0, mean_luminance: 0.6 };
     let files = Files(FileTree::from([("maps/a.txt".into(), b"1".to_vec()), ("b".into(), Vec::new())]));
     [
@@ -205,7 +205,7 @@ fn radiances(ctx: &Context<'_>) -> Collection {
     let packed =
         PackedScene { counts: vec![1], states: vec![exposed.clone()], gbuffer: None, sampler: Default::default() };
     let said = RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe: 1 };
-    let refined = Refined { images: vec![(said, exposed)], note: None };
+    let refined = Refined { images: vec![(said, exposed)], note: None, ..Default::default() };
     [
         (key("ladder"), ladder.store(ctx).expect("in memory").into_artifact()),
         (key("packed"), packed.store(ctx).expect("in memory").into_artifact()),

@@ -2,7 +2,7 @@
 
 use super::{Claim, Estimate, Refined, RefinedImages, estimate::infinite};
 use crate::{
-    DataError,
+    DataError, SamplerKind,
     time::{INDEPENDENT_EXPONENT, VarianceTime},
 };
 use serde::{Deserialize, Serialize};
@@ -278,7 +278,7 @@ impl Media for BridgeSteps {
     }
 
     fn store(&self, ctx: &Context<'_>) -> Result<Stored<Self>, KindError> {
-        let mut parts = Refined::parts(ctx, &self.images, None)?;
+        let mut parts = Refined::parts(ctx, &self.images, (None, SamplerKind::Independent))?;
         parts.push((CLOCK.to_owned(), ctx.put_json(&self.clock)?));
         parts.push((SETTING.to_owned(), ctx.put_json(&self.setting)?));
         Ok(Stored::tree(parts))
@@ -288,7 +288,7 @@ impl Media for BridgeSteps {
         let steps = Self::load(ctx, artifact)?;
         to.put(CLOCK, &pretty_json(&steps.clock)?)?;
         to.put(SETTING, &pretty_json(&steps.setting)?)?;
-        Refined { images: steps.images, note: None }.write(to)
+        Refined { images: steps.images, note: None, ..Default::default() }.write(to)
     }
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {

@@ -137,9 +137,10 @@ impl Media for PackedScene {
 
     fn import(ctx: &Context<'_>, from: &dyn ReadFiles) -> Result<Stored<Self>, KindError> {
         let counts = counts_of(from)?;
-        let said: Option<Described<Meta>> = from.get(META)?.map(|bytes| parse_json(META, &bytes)).transpose()?;
-        let Described { meta: Meta { sampler }, values } =
-            said.unwrap_or_else(|| Described { meta: Meta::default(), values: None });
+        // Each on its own: what is wrong in either must not pass for what is missing.
+        let meta = from.get(META)?;
+        let Meta { sampler } = meta.as_deref().map(|bytes| parse_json(META, bytes)).transpose()?.unwrap_or_default();
+        let values: Option<Values> = meta.as_deref().map(|bytes| parse_json(META, bytes)).transpose()?;
         let state = |count: &u64| {
             let image = read_image(from, &format!("{}.exr", count_name(*count)))?;
             values.map_or_else(|| Ok(image.clone()), |values| values.exposed(image.clone()))

@@ -1,7 +1,7 @@
 //! Images that a method made of an endpoint, or of a scene.
 
 use super::files::{Described, Values, put_image, read_image};
-use crate::{DataError, Image, methods::MethodName};
+use crate::{DataError, Image, SamplerKind, methods::MethodName};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use tauflow_contract::{
@@ -44,6 +44,8 @@ pub struct Refined {
     pub images: RefinedImages,
     /// Why there are none, for people; such as a library that is missing.
     pub note: Option<String>,
+    /// How the samples were drawn of the endpoints that they were made from.
+    pub sampler: SamplerKind,
 }
 
 /// The metadata of the artifact.
@@ -54,6 +56,9 @@ pub struct RefinedMeta {
     /// Why there are none, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
+    /// How the samples were drawn of the endpoints that they were made from.
+    #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
+    pub sampler: SamplerKind,
 }
 
 fn part(index: usize) -> String {
@@ -81,13 +86,13 @@ impl Refined {
         let meta: RefinedMeta = ctx.json(artifact, META)?;
         let load = |(index, said)| Ok((said, Image::from_bytes(&ctx.part(artifact, &part(index))?)?));
         let images = meta.images.into_iter().enumerate().map(load).collect::<Result<_, KindError>>()?;
-        Ok(Self { images, note: meta.note })
+        Ok(Self { images, note: meta.note, sampler: meta.sampler })
     }
 
     pub(super) fn parts(
         ctx: &Context<'_>,
         images: &RefinedImages,
-        note: Option<&str>,
+        (note, sampler): (Option<&str>, SamplerKind),
     ) -> Result<Vec<(String, Digest)>, KindError> {
         let mut parts = Vec::with_capacity(images.len() + 1);
         let mut files = BTreeSet::new();
@@ -101,14 +106,14 @@ impl Refined {
             parts.push((part(index), ctx.put(&image.to_bytes())?));
         }
         let said = images.iter().map(|(said, _)| said.clone()).collect();
-        parts.push((META.into(), ctx.put_json(&RefinedMeta { images: said, note: note.map(str::to_owned) })?));
+        parts.push((META.into(), ctx.put_json(&RefinedMeta { images: said, note: note.map(str::to_owned), sampler })?));
         Ok(parts)
     }
 
     pub(super) fn write(&self, to: &mut dyn WriteFiles) -> Result<(), KindError> {
         let values = Values::of_exposed(to)?;
         let said = self.images.iter().map(|(said, _)| said.clone()).collect();
-        let meta = RefinedMeta { images: said, note: self.note.clone() };
+        let meta = RefinedMeta { images: said, note: self.note.clone(), sampler: self.sampler };
         to.put(META, &pretty_json(&Described { meta, values: Some(values) })?)?;
         self.images.iter().try_for_each(|(said, image)| put_image(to, &said.file()?, &values.written(image)))
     }
@@ -119,7 +124,8 @@ impl Refined {
             let image = read_image(from, &format!("{}.exr", said.file()?))?;
             Ok((said, values.map_or_else(|| Ok(image.clone()), |values| values.exposed(image.clone()))?))
         };
-        Ok(Self { images: meta.images.into_iter().map(read).collect::<Result<_, KindError>>()?, note: meta.note })
+        let images = meta.images.into_iter().map(read).collect::<Result<_, KindError>>()?;
+        Ok(Self { images, note: meta.note, sampler: meta.sampler })
     }
 }
 
@@ -132,7 +138,7 @@ impl Media for Refined {
     }
 
     fn store(&self, ctx: &Context<'_>) -> Result<Stored<Self>, KindError> {
-        Ok(Stored::tree(Self::parts(ctx, &self.images, self.note.as_deref())?))
+        Ok(Stored::tree(Self::parts(ctx, &self.images, (self.note.as_deref(), self.sampler))?))
     }
 
     fn export(ctx: &Context<'_>, artifact: &Artifact, to: &mut dyn WriteFiles) -> Result<(), KindError> {

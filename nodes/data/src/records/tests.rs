@@ -84,12 +84,12 @@ fn images(ctx: &Context<'_>) {
     let states = vec![image(3, 2.0), image(3, 1.0)];
     let packed = PackedScene { counts: vec![1, 4], states, gbuffer, sampler: Default::default() };
     assert!(round_trip(ctx, &packed).contains_key("gbuffer.exr"));
-    round_trip(ctx, &PackedScene { gbuffer: None, ..packed });
+    round_trip(ctx, &PackedScene { gbuffer: None, sampler: SamplerKind::Sobol, ..packed });
     let said = |nfe| RefinedImage { method: "mc_noise".into(), from_spp: 1, to_spp: 4, nfe };
     let images = vec![(said(1), image(3, 3.0)), (said(2), image(3, 4.0))];
-    round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()) });
+    round_trip(ctx, &Refined { images: images.clone(), note: Some("a note".into()), ..Default::default() });
     generated(ctx, |value| image(3, value).map(|v| v.clamp(0.0, 1.0)));
-    let clock = BridgeClock::new(1, 4);
+    let clock = BridgeClock { exponent: 0.7, ..BridgeClock::new(1, 4) };
     let setting = BTreeMap::from([("space".to_owned(), "linear".to_owned())]);
     round_trip(ctx, &BridgeSteps { clock, setting, images });
     let state = |calls, tau| RolloutState { method: "mc_noise".into(), from_spp: 1, nfe: 2, calls, tau };
@@ -187,10 +187,14 @@ fn files_that_do_not_fit_are_refused() {
         damaged.insert("spp-000001.exr".into(), b"no picture".to_vec());
         assert!(import(&damaged).expect_err("damaged").to_string().contains("spp-000001.exr"));
         let twice = RefinedImage { method: "a".into(), from_spp: 1, to_spp: 4, nfe: 1 };
-        let twice = Refined { images: vec![(twice.clone(), image(3, 1.0)), (twice, image(3, 2.0))], note: None };
+        let twice = Refined {
+            images: vec![(twice.clone(), image(3, 1.0)), (twice, image(3, 2.0))],
+            note: None,
+            ..Default::default()
+        };
         assert!(twice.store(ctx).expect_err("one name").to_string().contains("`a-1-to-4-nfe-1`"));
         let said = RefinedImage { method: "../../x".into(), from_spp: 1, to_spp: 4, nfe: 1 };
-        let outside = Refined { images: vec![(said, image(3, 1.0))], note: None };
+        let outside = Refined { images: vec![(said, image(3, 1.0))], note: None, ..Default::default() };
         assert!(outside.store(ctx).expect_err("a path").to_string().contains("../../x"));
     });
 }

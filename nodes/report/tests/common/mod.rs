@@ -146,7 +146,7 @@ pub fn pictures(ctx: &Context<'_>, size: usize) -> Result<Pictures, KindError> {
                     images.push((RefinedImage { method: method.into(), from_spp: 1, to_spp: LAST, nfe }, image));
                 }
                 let own = format!("{}/{name}", cell_key(method, conditioning));
-                refined.items.extend([item(ctx, &own, &Refined { images, note: None })]);
+                refined.items.extend([item(ctx, &own, &Refined { images, note: None, ..Default::default() })]);
             }
         }
         let packed = PackedScene { counts, states, gbuffer: None, sampler: Default::default() };

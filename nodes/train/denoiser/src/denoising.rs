@@ -132,6 +132,9 @@ impl Kind for Denoising {
             let lacks = |port: &str| (!known.has(port)).then(|| Foreseen::param("/mix", unmixed(port), CONNECT));
             problems.extend([VARIANCES.name(), EXPOSURE.name()].into_iter().find_map(lacks));
         }
+        if params.needs_independent().is_some() {
+            problems.extend(facts::independent(ENDPOINTS, &endpoints));
+        }
         problems.extend(facts::gbuffer(ENDPOINTS, &endpoints, params.conditioning));
         let facts = facts::image_of(&endpoints.facts).with(SPP, vec![params.from]).with(NFE, vec![1]);
         Outlook::default().with(REFINED, facts).but(problems)
@@ -186,6 +189,12 @@ impl Kind for Denoising {
             }
         };
         let scene = action.read(ctx, ENDPOINTS)?;
+        if let Some(param) = params.needs_independent().filter(|_| !scene.sampler.is_independent()) {
+            return Err(KindError::Input(format!(
+                "`{param}: true` needs independent samples, but those of the endpoints are correlated; set `{param}: \
+                 false`, or render with `sampler: independent`"
+            )));
+        }
         let (mut frame, settings) = (params.frame(&scene)?, params.settings());
         if params.mixes() {
             let lacks = |port: &str| KindError::Input(format!("{}; {CONNECT}", unmixed(port)));
@@ -208,7 +217,8 @@ impl Kind for Denoising {
             to_spp: *scene.counts.last().unwrap_or(&params.from),
             nfe: 1,
         };
-        Ok(Outputs::default().put(REFINED, Refined { images: vec![(said, image)], note: None }.store(ctx)?))
+        Ok(Outputs::default()
+            .put(REFINED, Refined { images: vec![(said, image)], note: None, sampler: scene.sampler }.store(ctx)?))
     }
 }
 
@@ -216,6 +226,11 @@ impl DenoisingParams {
     /// Whether there is a mix: the variance of one sample is not known.
     fn mixes(&self) -> bool {
         self.mix && self.from > 1
+    }
+
+    /// The param, if there is one, that takes a sample count for the noise of as many independent samples.
+    fn needs_independent(&self) -> Option<&'static str> {
+        self.mixes().then_some("mix").or(self.tell_count.then_some("tell_count"))
     }
 
     fn settings(&self) -> Settings {

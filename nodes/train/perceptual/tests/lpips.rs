@@ -217,7 +217,7 @@ fn scores_gain_the_metric_of_their_own_images() {
     // With images, those of the same method and number of calls, in any order.
     let said = |nfe| RefinedImage { method: "m".into(), from_spp: 1, to_spp: 2, nfe };
     let images = vec![(said(9), clean.clone()), (said(1), noisy.clone())];
-    let images = bench.store(&Refined { images, note: None });
+    let images = bench.store(&Refined { images, note: None, ..Default::default() });
     let given = |list: &[(&str, u64)]| {
         [("scores", bench.store(&scores(list))), ("images", images.clone()), ("references", packed.clone())]
     };

@@ -19,7 +19,7 @@ pub enum Clock {
     /// With n^(-1/2), as of independent samples.
     #[default]
     Independent,
-    /// With n^-alpha, whose exponent is minus the slope that `convergence` measured.
+    /// With n^-alpha: the exponent is minus the median over scenes of the slopes that `convergence` measured.
     Fitted,
 }
 

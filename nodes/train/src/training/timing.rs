@@ -14,7 +14,7 @@ use crate::{
 use std::time::Instant;
 use tauflow_contract::KindError;
 use tauflow_data::{
-    Image,
+    Image, SamplerKind,
     methods::{Conditioning, Parameterization},
     records::PackedScene,
     time::INDEPENDENT_EXPONENT,
@@ -33,6 +33,7 @@ fn info(preset: Preset) -> ModelInfo {
         features: Features::Contrast,
         law: Law::Limits,
         exponent: INDEPENDENT_EXPONENT,
+        sampler: SamplerKind::Independent,
     }
 }
 
