@@ -79,13 +79,6 @@ fn every_method_is_timed_on_every_scene() {
     // A solver's time is that of its endpoint, of the G-buffer, and its own.
     let render: BTreeMap<String, Timing> = done.read("all_ladders.timing");
     let solver: BTreeMap<String, Timing> = done.read("all_solvers.timing");
-    let middle = |timing: &Timing, method: &str, spp: u64, nfe: u64| {
-        let mut of = timing.entries.iter().filter(|e| (e.method.as_str(), e.nfe) == (method, nfe));
-        let entry = of.find(|e| method == "gbuffer" || e.from_spp == spp).expect("timed");
-        let mut wall = entry.took.wall_s.clone();
-        wall.sort_by(f64::total_cmp);
-        wall[wall.len() / 2]
-    };
     let timed = tables.methods.iter().find(|m| (m.method.as_str(), m.conditioning.as_str()) == ("mc_noise", "gbuffer"));
     let point = timed.expect("it is listed").points.iter().find(|p| (p.from_spp, p.nfe) == (4, 2)).expect("timed");
     for scene in &point.scenes {
@@ -112,6 +105,15 @@ fn every_method_is_timed_on_every_scene() {
     solvers_follow_the_error_of_sobol_ladders(sets, folder.path());
 }
 
+/// The median wall time of an image.
+fn middle(timing: &Timing, method: &str, spp: u64, nfe: u64) -> f64 {
+    let mut of = timing.entries.iter().filter(|e| (e.method.as_str(), e.nfe) == (method, nfe));
+    let entry = of.find(|e| method == "gbuffer" || e.from_spp == spp).expect("timed");
+    let mut wall = entry.took.wall_s.clone();
+    wall.sort_by(f64::total_cmp);
+    wall[wall.len() / 2]
+}
+
 /// The exponent that `convergence` finds is that of the solver's clock, and its images take the time of their ladders.
 fn solvers_follow_the_error_of_sobol_ladders(sets: Vec<String>, folder: &Path) {
     let file = root().join("pipelines/sobol.yaml");
@@ -136,11 +138,19 @@ fn solvers_follow_the_error_of_sobol_ladders(sets: Vec<String>, folder: &Path) {
         named(&[("clock", "independent"), ("sampler", "sobol")]),
     ];
     assert_eq!(cells, expected);
-    // A ladder, a G-buffer and a call: longer than the ladder alone.
-    let wall = |method: &str, cell: usize| {
-        let mut of = tables.methods.iter().filter(|m| m.method == method);
-        let method = of.nth(cell).expect("it is listed");
-        method.points.iter().find(|p| p.from_spp == 16).expect("timed").all.wall_s[1]
-    };
-    assert!(wall("mc_noise", 1) > wall("path_tracer_sobol", 0));
+    // The time of the Sobol' ladder, of the G-buffer, and of the solver.
+    let [independent, ladders, solver] =
+        ["all_ladders.timing", "all_sobol.timing", "sobol_refined.timing"].map(|port| done.read::<Timing>(port));
+    let fitted = tables.methods.iter().find(|m| m.cell.get("clock").is_some_and(|clock| clock == "fitted"));
+    let point = fitted.expect("it is listed").points.iter().find(|p| (p.from_spp, p.nfe) == (16, 1)).expect("timed");
+    for scene in &point.scenes {
+        let cell = "sampler=sobol+clock=fitted+parameterization=mc_noise+conditioning=gbuffer+from=16";
+        let parts = [
+            middle(&ladders[&format!("sampler=sobol/{}", scene.scene)], "path_tracer", 16, 0),
+            middle(&independent[&scene.scene], "gbuffer", 0, 0),
+            middle(&solver[&format!("{cell}/{}", scene.scene)], "mc_noise", 16, 1),
+        ];
+        let sum: f64 = parts.iter().sum();
+        assert!((scene.wall_s[1] / sum - 1.0).abs() < 1e-9, "{scene:?} {parts:?}");
+    }
 }

@@ -18,6 +18,16 @@ pub struct VarianceTime {
 /// The exponent of independent samples: their error falls with n^(-1/2).
 pub const INDEPENDENT_EXPONENT: f64 = 0.5;
 
+/// What records that name no exponent have.
+pub fn unsaid_exponent() -> f64 {
+    INDEPENDENT_EXPONENT
+}
+
+/// Whether records leave the exponent away.
+pub fn is_unsaid_exponent(exponent: &f64) -> bool {
+    *exponent == INDEPENDENT_EXPONENT
+}
+
 /// Exponents that a clock may have.
 pub const EXPONENTS: std::ops::RangeInclusive<f64> = 0.05..=2.0;
 
@@ -58,8 +68,8 @@ impl VarianceTime {
     /// How many independent samples have the error of `n` samples, in units of the error of one: n^(2 alpha).
     ///
     /// Halves of an Owen-scrambled net are exchangeable, so that Cov(I_n, I_m) = Var(I_m) for powers of two n < m, as
-    /// with independent samples. What follows from variances and covariances therefore holds in these numbers, as far
-    /// as the error follows the power.
+    /// with independent samples. Expectations given a rung therefore have the same form in these numbers. The numbers
+    /// are right as far as the error follows the power.
     pub fn independent(&self, n: f64) -> f64 {
         if self.is_of_independent() { n } else { libm::pow(n, 2.0 * self.exponent) }
     }

@@ -45,8 +45,8 @@ impl MethodOf {
         Self { method: method.to_owned(), conditioning, cell }
     }
 
-    /// Of images that were made from endpoints of another sampler than the independent one.
-    pub(crate) fn from_sampler(mut self, sampler: &str) -> Self {
+    /// The same method, applied to endpoints of another sampler.
+    pub(crate) fn on_sampler(mut self, sampler: &str) -> Self {
         self.cell.insert(SAMPLER.to_owned(), sampler.to_owned());
         self
     }

@@ -246,7 +246,7 @@ impl<'a> Judge<'a> {
         let judge = |(said, image): &(RefinedImage, Image)| {
             let mut method = MethodOf::new(cell, &said.method);
             if !images.sampler.is_independent() {
-                method = method.from_sampler(images.sampler.name());
+                method = method.on_sampler(images.sampler.name());
             }
             let after = times_of(times, None, said.from_spp, said.nfe).ok_or_else(|| self.untimed(&said.method))?;
             let before = times_of(rendering, Some(PATH_TRACER), said.from_spp, 0);

@@ -19,7 +19,7 @@ use tauflow_data::{
     Image, SamplerKind, TensorFile,
     methods::{Conditioning, Parameterization},
     records::ModelFile,
-    time::{INDEPENDENT_EXPONENT, VarianceTime},
+    time::{VarianceTime, is_unsaid_exponent, unsaid_exponent},
 };
 use tauflow_tensors::Weights;
 
@@ -51,19 +51,11 @@ pub struct ModelInfo {
     #[serde(default = "Law::unsaid", skip_serializing_if = "Law::is_unsaid")]
     pub law: Law,
     /// The exponent alpha of the error in its training ladders, which falls with n^-alpha.
-    #[serde(default = "independent", skip_serializing_if = "is_independent")]
+    #[serde(default = "unsaid_exponent", skip_serializing_if = "is_unsaid_exponent")]
     pub exponent: f64,
     /// How the samples of its training ladders were drawn.
     #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]
     pub sampler: SamplerKind,
-}
-
-fn independent() -> f64 {
-    INDEPENDENT_EXPONENT
-}
-
-fn is_independent(exponent: &f64) -> bool {
-    *exponent == INDEPENDENT_EXPONENT
 }
 
 impl ModelInfo {
@@ -323,6 +315,7 @@ fn pad(image: &Image, (width, height): (usize, usize)) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tauflow_data::time::INDEPENDENT_EXPONENT;
 
     #[test]
     fn files_say_what_the_networks_numbers_are_where_they_are_not_as_ever() {

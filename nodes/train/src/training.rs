@@ -151,7 +151,7 @@ impl Kind for Training {
     }
 }
 
-/// What the fitted clock follows; none for the clock of independent samples.
+/// The measurement that the clock is fitted to; none for `clock: independent`.
 fn fitted(ctx: &Context<'_>, action: &Action<'_, TrainingParams>) -> Result<Option<Fitted>, KindError> {
     if action.params.clock == Clock::Independent {
         return Ok(None);
@@ -180,14 +180,14 @@ fn fitted(ctx: &Context<'_>, action: &Action<'_, TrainingParams>) -> Result<Opti
     Ok(Some(Fitted { exponent, sampler: measured.sampler }))
 }
 
-/// What `convergence` measured.
+/// The exponent that `convergence` measured, and the sampler of its ladders.
 struct Fitted {
     exponent: f64,
     sampler: SamplerKind,
 }
 
 impl Fitted {
-    /// Whether these are scenes that it holds for.
+    /// Refuses scenes of another sampler, and rungs that are not powers of two.
     fn fits(&self, set: &DataSet) -> Result<(), KindError> {
         if self.sampler != set.sampler {
             return Err(KindError::Input(format!(

@@ -109,7 +109,8 @@ fn checked(bytes: &[u8]) -> (TensorFile, Value) {
     let info: Value = serde_json::from_str(&file.metadata["model"]).expect("JSON");
     let fields = table("field").into_iter().flat_map(|row| row[0].split(", ").map(str::to_owned).collect::<Vec<_>>());
     let optional = |name: &String| {
-        ["output", "unknown_counts", "features", "law"].contains(&name.as_str()) && info.get(name).is_none()
+        ["output", "unknown_counts", "features", "law", "exponent", "sampler"].contains(&name.as_str())
+            && info.get(name).is_none()
     };
     let found: BTreeSet<String> = info.as_object().expect("fields").keys().cloned().collect();
     assert_eq!(found, fields.filter(|name| !optional(name)).collect());
@@ -320,6 +321,22 @@ fn files_made_by_the_manual_alone_are_read() {
         let bytes = model.to_bytes().expect("writes");
         checked(&bytes);
         compare(preset, &bytes);
+    }
+}
+
+#[test]
+fn pytorch_follows_a_fitted_clock() {
+    for parameterization in ["mc_noise", "mc_velocity", "local_velocity", "vanilla_rf"] {
+        let mut info = json!({ "parameterization": parameterization, "conditioning": "rgb", "preset": "tiny",
+            "space": "linear", "counts": [2, 4, 32], "steps": 1, "law": "covariances", "exponent": 0.7,
+            "sampler": "sobol" });
+        if parameterization.starts_with("mc_") {
+            info.as_object_mut().expect("fields").remove("law");
+        }
+        let model = Model::load_to(&constructed(&info), &Place::cpu()).expect("as the manual says");
+        let bytes = model.to_bytes().expect("writes");
+        assert_eq!((&checked(&bytes).1["exponent"], &checked(&bytes).1["sampler"]), (&json!(0.7), &json!("sobol")));
+        compare(&format!("fitted-{parameterization}"), &bytes);
     }
 }
 

@@ -38,7 +38,7 @@ impl Lab {
         self.run_with(params, &[], progress, cancel)
     }
 
-    /// With more ports than the scenes.
+    /// Runs a training with additional inputs.
     fn run_with(
         &self,
         params: &TrainingParams,

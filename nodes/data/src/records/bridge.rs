@@ -3,7 +3,7 @@
 use super::{Claim, Estimate, Refined, RefinedImages, estimate::infinite};
 use crate::{
     DataError, SamplerKind,
-    time::{INDEPENDENT_EXPONENT, VarianceTime},
+    time::{INDEPENDENT_EXPONENT, VarianceTime, is_unsaid_exponent, unsaid_exponent},
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -221,16 +221,8 @@ pub struct BridgeClock {
     /// Last sample count.
     pub n_max: u64,
     /// The exponent alpha of the error, which falls with n^-alpha.
-    #[serde(default = "independent", skip_serializing_if = "is_independent")]
+    #[serde(default = "unsaid_exponent", skip_serializing_if = "is_unsaid_exponent")]
     pub exponent: f64,
-}
-
-fn independent() -> f64 {
-    INDEPENDENT_EXPONENT
-}
-
-fn is_independent(exponent: &f64) -> bool {
-    *exponent == INDEPENDENT_EXPONENT
 }
 
 impl BridgeClock {

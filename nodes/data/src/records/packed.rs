@@ -23,7 +23,7 @@ pub struct PackedScene {
     pub sampler: SamplerKind,
 }
 
-/// What files say beside the values of the images.
+/// The metadata in `meta.json`, apart from that of pixel values.
 #[derive(Default, Serialize, Deserialize)]
 struct Meta {
     #[serde(default = "SamplerKind::unsaid", skip_serializing_if = "SamplerKind::is_independent")]

@@ -25,8 +25,8 @@ pub fn section(convergence: &Convergence) -> Option<Section> {
         "Variance time assumes that the error of I<sub>n</sub> falls as 1/√n."
     } else {
         "The samples of these ladders are correlated, so variance time at 1/√n does not hold, and moments and trust \
-         are omitted. The law is the error of as many independent samples. Minus the slope is the exponent that \
-         <code>clock: fitted</code> of <code>training</code> uses."
+         are omitted. The law is the error of as many independent samples. <code>clock: fitted</code> of \
+         <code>training</code> uses minus the median slope of the scenes."
     };
     let mut out = format!(
         "<p>{begin} Dots: RMSE against independent references of {} samples per pixel, with the noise of the reference \

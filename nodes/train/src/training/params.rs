@@ -16,10 +16,10 @@ use tauflow_tensors::Decay;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
-    /// With n^(-1/2), as of independent samples.
+    /// As n^(-1/2), like the error of independent samples.
     #[default]
     Independent,
-    /// With n^-alpha: the exponent is minus the median over scenes of the slopes that `convergence` measured.
+    /// As n^-alpha. `convergence` measures a slope in each scene; alpha is minus their median.
     Fitted,
 }
 
