@@ -81,12 +81,12 @@ impl Kind for ImageGamma {
         let state = &scene.states[rung];
         let image = state.map(|value| powf(value.max(0.0), gamma as f32));
         let said = |nfe| RefinedImage { method: "image_gamma".into(), from_spp: from, to_spp: from, nfe };
-        let refined = Refined { images: vec![(said(1), image)], note: None, ..Default::default() };
+        let refined = Refined { images: vec![(said(1), image)], note: None, sampler: scene.sampler };
         let outputs = Outputs::default().put(REFINED, refined.store(ctx)?);
         if !original {
             return Ok(outputs);
         }
-        let kept = Refined { images: vec![(said(0), state.clone())], note: None, ..Default::default() };
+        let kept = Refined { images: vec![(said(0), state.clone())], note: None, sampler: scene.sampler };
         Ok(outputs.put(ORIGINAL, kept.store(ctx)?))
     }
 }
