@@ -5,6 +5,7 @@
 //! an interface is scaled by the squared relative index. A lobe of roughness alpha below [`DELTA_ALPHA`] is specular:
 //! it has no density, and only [`Bsdf::sample`] finds it.
 
+mod blend;
 mod coated;
 mod fresnel;
 mod ggx;
@@ -17,6 +18,7 @@ mod principled;
 mod tests;
 
 use crate::lanes::{Mask, Pair, Real, Triple};
+pub(crate) use blend::Blend;
 pub(crate) use coated::Plastic;
 pub(crate) use ggx::Interface;
 use glam::{Vec2, Vec3, Vec4};
@@ -162,97 +164,11 @@ pub struct Bsdf<'a> {
     at: Points<f32>,
 }
 
-/// A layer's scattering.
-#[derive(Clone, Copy, Debug)]
-enum Lobe<'a> {
-    Diffuse(Diffuse<f32>),
-    Metal(Metal<f32>),
-    Glass(Glass<f32>),
-    Thin(Thin<f32>),
-    Plastic(Plastic<'a, f32>),
-    Principled(Principled<f32>),
-}
-
 /// Both directions turned to the front in the lanes where `wo` is behind.
 #[inline(always)]
 pub(crate) fn to_front<R: Real>(wo: Triple<R>, wi: Triple<R>) -> (Triple<R>, Triple<R>) {
     let behind = wo.z.lt(R::zero());
     (flip(wo, behind), flip(wi, behind))
-}
-
-impl Lobe<'_> {
-    fn eval(&self, wo: Triple<f32>, wi: Triple<f32>) -> (Triple<f32>, f32) {
-        match self {
-            Self::Diffuse(diffuse) => diffuse.eval(wo, wi),
-            Self::Metal(metal) => metal.eval(wo, wi),
-            Self::Glass(glass) => glass.eval(wo, wi),
-            Self::Thin(thin) => thin.eval(wo, wi),
-            Self::Plastic(plastic) => plastic.eval(wo, wi),
-            Self::Principled(principled) => principled.eval(wo, wi),
-        }
-    }
-
-    fn sample(&self, wo: Triple<f32>, lobe: f32, u: Pair<f32>) -> Drawn<f32> {
-        match self {
-            Self::Diffuse(diffuse) => diffuse.sample(wo, lobe, u),
-            Self::Metal(metal) => metal.sample(wo, lobe, u),
-            Self::Glass(glass) => glass.sample(wo, lobe, u),
-            Self::Thin(thin) => thin.sample(wo, lobe, u),
-            Self::Plastic(plastic) => plastic.sample(wo, lobe, u),
-            Self::Principled(principled) => principled.sample(wo, lobe, u),
-        }
-    }
-
-    fn albedo(&self) -> Triple<f32> {
-        match self {
-            Self::Diffuse(diffuse) => diffuse.0,
-            Self::Metal(metal) => metal.albedo(),
-            Self::Glass(glass) => glass.albedo(),
-            Self::Thin(thin) => thin.albedo(),
-            Self::Plastic(plastic) => plastic.albedo(),
-            Self::Principled(principled) => principled.albedo(),
-        }
-    }
-}
-
-impl<'a> Scatter<'a, f32> for Bsdf<'a> {
-    fn of(material: &'a Material, _: &[Triple<f32>; SLOTS], at: &Points<f32>) -> Option<Self> {
-        Some(Self { material, at: *at })
-    }
-
-    fn eval(&self, wo: Triple<f32>, wi: Triple<f32>) -> (Triple<f32>, f32) {
-        let (mut value, mut pdf) = (Triple::zero(), 0.0);
-        for layer in &self.material.layers {
-            let (wo, wi) = if layer.two_sided { to_front(wo, wi) } else { (wo, wi) };
-            let weight = layer.weight(&self.at);
-            let (v, p) = layer.lobe(&self.at).eval(wo, wi);
-            value += v * weight;
-            pdf += p * weight;
-        }
-        (value, pdf)
-    }
-
-    fn sample(&self, wo: Triple<f32>, lobe: f32, u: Pair<f32>) -> Drawn<f32> {
-        let mut drawn = Drawn::nothing();
-        let mut below = 0.0;
-        for layer in &self.material.layers {
-            let weight = layer.weight(&self.at);
-            if weight > 0.0 && lobe >= below && lobe < below + weight {
-                let behind = layer.two_sided && wo.z < 0.0;
-                // The rest of the random number, rescaled to [0, 1).
-                let rest = ((lobe - below) / weight).min(1.0 - f32::EPSILON);
-                drawn = layer.lobe(&self.at).sample(flip(wo, behind), rest, u);
-                drawn.wi = flip(drawn.wi, behind);
-            }
-            below += weight;
-        }
-        if self.material.layers.len() > 1 && drawn.valid && !drawn.delta {
-            let (value, pdf) = Scatter::eval(self, wo, drawn.wi);
-            drawn.pdf = pdf;
-            drawn.weight = value * (1.0 / pdf);
-        }
-        drawn
-    }
 }
 
 /// Drops draws of no density.
@@ -263,6 +179,10 @@ pub(crate) fn sound<R: Real>(mut drawn: Drawn<R>) -> Drawn<R> {
 }
 
 impl Bsdf<'_> {
+    fn blend(&self) -> Blend<'_> {
+        Blend::at(self.material, &self.at)
+    }
+
     /// Both directions, turned to the front if the material is the same from both sides.
     fn turned(&self, wo: Vec3, wi: Vec3) -> (Triple<f32>, Triple<f32>) {
         if self.material.is_two_sided() { to_front(wo.into(), wi.into()) } else { (wo.into(), wi.into()) }
@@ -271,19 +191,19 @@ impl Bsdf<'_> {
     /// f |cos wi|, specular lobes left out.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
         let (wo, wi) = self.turned(wo, wi);
-        Scatter::eval(self, wo, wi).0.into()
+        self.blend().eval(wo, wi).0.into()
     }
 
     /// Density of [`Bsdf::sample`] over solid angle, specular lobes left out.
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         let (wo, wi) = self.turned(wo, wi);
-        Scatter::eval(self, wo, wi).1
+        self.blend().eval(wo, wi).1
     }
 
     /// Draws a direction; `lobe` picks the lobe and `u` the direction. None absorbs the path.
     pub fn sample(&self, wo: Vec3, lobe: f32, u: Vec2) -> Option<Sample> {
         let behind = self.material.is_two_sided() && wo.z < 0.0;
-        let drawn = sound(Scatter::sample(self, flip(wo.into(), behind), lobe, u.into()));
+        let drawn = sound(self.blend().sample(flip(wo.into(), behind), lobe, u.into()));
         let Drawn { wi, weight, pdf, eta, delta, transmitted, valid } = drawn;
         valid.then(|| Sample { wi: flip(wi, behind).into(), weight: weight.into(), pdf, delta, transmitted, eta })
     }
@@ -291,10 +211,6 @@ impl Bsdf<'_> {
     /// Share of white light that comes back, roughly: a feature for denoisers. Values that approximations put outside
     /// of 0 to 1 are clamped; NaN is kept, so that readers can refuse it.
     pub fn albedo(&self) -> Vec3 {
-        let mut all = Triple::zero();
-        for layer in &self.material.layers {
-            all += layer.lobe(&self.at).albedo() * layer.weight(&self.at);
-        }
-        Vec3::from_array(Vec3::from(all).to_array().map(|v| v.clamp(0.0, 1.0)))
+        Vec3::from_array(Vec3::from(self.blend().albedo()).to_array().map(|v| v.clamp(0.0, 1.0)))
     }
 }

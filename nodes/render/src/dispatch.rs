@@ -44,6 +44,7 @@ pub(crate) struct Kernels {
     emit: GroupKernel,
     textures: GroupKernel,
     bodies: GroupKernel,
+    normal_maps: GroupKernel,
     lights: GroupKernel,
     diffuse: GroupKernel,
     metal: GroupKernel,
@@ -103,6 +104,10 @@ impl Kernels {
         unsafe { (self.bodies)(stream, group) }
     }
 
+    pub(crate) fn normal_maps(&self, stream: &mut Stream<'_>, group: &Group) {
+        unsafe { (self.normal_maps)(stream, group) }
+    }
+
     /// As [`Interface::shares`].
     pub(crate) fn shares(&self, interface: &Interface<'_>, cosines: &[f32], shares: &mut [f32]) {
         unsafe { (self.shares)(interface, cosines, shares) }
@@ -126,7 +131,7 @@ macro_rules! kernels {
     ($name:ident, $wide:ty, $ray:ty $(, $feature:literal)?) => {
         mod $name {
             use super::{Accel, Group, Interface, Kernels, Set, Stream, Sweep};
-            use crate::bsdf::{Bsdf, Diffuse, Glass, Metal, Plastic, Principled, Thin};
+            use crate::bsdf::{Blend, Diffuse, Glass, Metal, Plastic, Principled, Thin};
 
             pub(super) static KERNELS: Kernels = Kernels {
                 begin,
@@ -138,6 +143,7 @@ macro_rules! kernels {
                 emit,
                 textures,
                 bodies,
+                normal_maps,
                 lights,
                 diffuse,
                 metal,
@@ -158,6 +164,7 @@ macro_rules! kernels {
             kernels!(@group emit, emit::<$wide> $(, $feature)?);
             kernels!(@group textures, textures::<$wide> $(, $feature)?);
             kernels!(@group bodies, bodies::<$wide> $(, $feature)?);
+            kernels!(@group normal_maps, normal_maps::<$wide> $(, $feature)?);
             kernels!(@group lights, lights::<$wide> $(, $feature)?);
             kernels!(@group diffuse, scatter::<$wide, Diffuse<$wide>> $(, $feature)?);
             kernels!(@group metal, scatter::<$wide, Metal<$wide>> $(, $feature)?);
@@ -165,8 +172,8 @@ macro_rules! kernels {
             kernels!(@group thin, scatter::<$wide, Thin<$wide>> $(, $feature)?);
             kernels!(@group plastic, scatter::<$wide, Plastic<'_, $wide>> $(, $feature)?);
             kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
-            // Blends are rare, and shaded one by one.
-            kernels!(@group blend, scatter::<f32, Bsdf<'_>> $(, $feature)?);
+            // Shaded one by one.
+            kernels!(@group blend, scatter::<f32, Blend<'_>> $(, $feature)?);
 
             $(#[target_feature(enable = $feature)])?
             fn shares(interface: &Interface<'_>, cosines: &[f32], shares: &mut [f32]) {

@@ -101,6 +101,12 @@ impl<R: Real> Frames<R> {
         }
     }
 
+    /// The frames of these vectors.
+    #[inline(always)]
+    pub(crate) fn of(s: Triple<R>, t: Triple<R>, n: Triple<R>) -> Self {
+        Self { s, t, n }
+    }
+
     /// The frames about unit vectors with these first tangents.
     #[inline(always)]
     pub(crate) fn with(n: Triple<R>, s: Triple<R>) -> Self {

@@ -183,8 +183,13 @@ impl Stream<'_> {
         if group.depth + 1 >= self.batch.depth {
             return;
         }
-        if material.has_own_frame() {
-            self.map_normals(group);
+        if used.normal_map_by_lane().is_some() {
+            kernels.normal_maps(self, group);
+            if used.bodies {
+                self.own_frames(group, true);
+            }
+        } else if material.has_own_frame() {
+            self.own_frames(group, false);
         }
         kernels.textures(self, group);
         if self.samples_lights(material) {

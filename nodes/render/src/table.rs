@@ -79,13 +79,16 @@ pub(crate) struct Table {
 }
 
 /// Data of primitives, by lane.
-pub(crate) struct Facts<R> {
+pub(crate) struct Facts<R: Real> {
     pub(crate) positions: [Triple<R>; 3],
     /// Geometric normal.
     pub(crate) normal: Triple<R>,
     pub(crate) normals: [Triple<R>; 3],
     /// u and v of each vertex.
     uvs: [R; 6],
+    /// Those without vertex normals, and those without texture coordinates.
+    pub(crate) flat: R::Mask,
+    pub(crate) bare: R::Mask,
 }
 
 impl Table {
@@ -188,7 +191,7 @@ impl Table {
             }
         }
         let positions = [Triple::new(ax, ay, az), Triple::new(bx, by, bz), Triple::new(cx, cy, cz)];
-        Facts { positions, normal, normals, uvs }
+        Facts { positions, normal, normals, uvs, flat, bare }
     }
 }
 
@@ -208,6 +211,7 @@ impl<R: Real> Facts<R> {
     }
 
     /// u and v of each vertex.
+    #[inline(always)]
     pub(crate) fn uvs(&self) -> [Pair<R>; 3] {
         let [pu, pv, qu, qv, ru, rv] = self.uvs;
         [Pair::new(pu, pv), Pair::new(qu, qv), Pair::new(ru, rv)]

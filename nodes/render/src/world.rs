@@ -70,18 +70,27 @@ pub(crate) struct UsedMaterial {
     pub(crate) reads_colors: bool,
     /// Some are no meshes.
     pub(crate) bodies: bool,
+    /// Some are meshes with tangents of their own.
+    pub(crate) tangents: bool,
 }
 
 impl UsedMaterial {
     fn new(material: Material) -> Self {
         let reads_colors = material.reads_colors();
-        Self { material, shared: false, emits: false, reads_colors, bodies: false }
+        Self { material, shared: false, emits: false, reads_colors, bodies: false, tangents: false }
     }
 
     /// Whether it, or what its shapes emit, reads texture coordinates.
     #[inline(always)]
     pub(crate) fn reads_uv(&self) -> bool {
         self.material.reads_uv() || self.emits
+    }
+
+    /// Its normal map, if triangles get their frames by lane.
+    #[inline(always)]
+    pub(crate) fn normal_map_by_lane(&self) -> Option<&Relief> {
+        let plain = !self.tangents && !self.material.is_anisotropic();
+        self.material.relief().filter(|relief| plain && relief.is_by_lane())
     }
 }
 
@@ -172,6 +181,7 @@ impl World {
             let used = &mut materials[shape.material as usize];
             used.bodies |= !matches!(shape.form, Form::Mesh(_));
             used.shared |= shape.placed != IN_WORLD;
+            used.tangents |= matches!(&shape.form, Form::Mesh(mesh) if mesh.tangents.is_some());
         }
         let form_of = |shape: &Shape| match &shape.form {
             Form::Mesh(_) if shape.placed != IN_WORLD && shape.flip => TURNED,

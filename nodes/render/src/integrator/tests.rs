@@ -45,6 +45,28 @@ fn every_set_of_instructions_has_the_same_bits() {
     }
 }
 
+#[test]
+fn normal_maps_by_lane_have_the_bits_of_single_frames() {
+    let shared = World::with_sharing(&copies().scene, &mut |digest| copies().load(digest), Sharing::Always);
+    for mut world in [world(&everything()), world(&copies()), shared.expect("a sound scene")] {
+        let render = |world: &World| {
+            let renderer = Renderer::new(world, film(24, 20), 3).expect("a film");
+            let mut film = renderer.begin();
+            renderer.advance(&mut film, 16, &mut |_| Ok(())).expect("nothing stops it");
+            film
+        };
+        let by_lane = |world: &World| world.materials.iter().any(|used| used.normal_map_by_lane().is_some());
+        assert!(by_lane(&world));
+        let film = render(&world);
+        // Materials of meshes with tangents get their frames one by one.
+        for used in &mut world.materials {
+            used.tangents = true;
+        }
+        assert!(!by_lane(&world));
+        assert_eq!(film, render(&world));
+    }
+}
+
 /// Mean squared difference of two films.
 fn square_error(a: &Accumulator, b: &Accumulator) -> f64 {
     let (a, b) = (a.mean(), b.mean());

@@ -4,7 +4,7 @@ use super::{Group, Stream, rows::*, scattering::against};
 use crate::{
     accel::Hit,
     bsdf::{Points, Sort},
-    geometry::{Disk, gamma},
+    geometry::{Disk, Frames, gamma},
     integrator::Strategy,
     lanes::{Integer, Mask, Pair, Real, Triple},
     surface::{Form, IN_WORLD},
@@ -162,12 +162,59 @@ impl Stream<'_> {
         }
     }
 
-    /// Shading frames of a normal map, a bump map, or a roughness that depends on the direction.
-    pub(super) fn map_normals(&mut self, group: &Group) {
+    /// Shading normals of a normal map on triangles without tangents of their own: those of
+    /// [`World::shading_frame`](crate::world::World::shading_frame), bit by bit.
+    #[inline(always)]
+    pub(crate) fn normal_maps<R: Real>(&mut self, group: &Group) {
+        let world = self.batch.world;
+        let used = &world.materials[group.index];
+        let Some(map) = used.normal_map_by_lane() else { return };
+        for at in (group.from..group.end).step_by(R::N) {
+            let row = at - group.from;
+            let place = R::Integer::load(&self.scratch.order[at..]);
+            let facts = world.table.facts::<R>(R::gather_integer(&self.scratch.primitive, place));
+            let [p0, p1, p2] = facts.positions;
+            let (mut q1, mut q2) = (p1 - p0, p2 - p0);
+            if used.shared {
+                let number = R::gather_integer(&world.placed_of, R::gather_integer(&self.scratch.shape, place));
+                let own = !R::same(number, R::Integer::splat(IN_WORLD as i32));
+                if own.any() {
+                    let placed = world.accel.placements().placed::<R>(number);
+                    q1 = Triple::select(own, placed.vector(q1), q1);
+                    q2 = Triple::select(own, placed.vector(q2), q2);
+                }
+            }
+            let (geometric, shading) =
+                (self.scratch.vertices.row::<R>(GEOMETRIC, row), self.scratch.vertices.row::<R>(SHADING, row));
+            let n = Triple::select(facts.flat, geometric, shading);
+            let [a, b, c] = facts.uvs();
+            let (d1, d2) = (Pair::new(b.x - a.x, b.y - a.y), Pair::new(c.x - a.x, c.y - a.y));
+            let det = d1.x * d2.y - d1.y * d2.x;
+            let sign = R::select(det.equals(det), R::one().copysign(det), det);
+            let dp_du = (q1 * d2.y - q2 * d1.y) * sign;
+            let dp_dv = (q2 * d1.x - q1 * d2.x) * sign;
+            // v points down in images, so up is against dp/dv.
+            let up = R::select(n.cross(dp_du).dot(dp_dv).gt(R::zero()), -R::one(), R::one());
+            let along = dp_du - n * n.dot(dp_du);
+            let known = along.dot(along).gt(R::splat(1e-20)) & along.finite() & !facts.bare;
+            let s = along.normalize();
+            let (any, map_frame) = (Frames::new(n), Frames::of(s, n.cross(s) * up, n));
+            let local = map.normals(&self.points::<R>(row));
+            let made = Triple::select(known, map_frame.to_world(local), any.to_world(local)).normalize();
+            self.scratch.vertices.put(MAPPED, row, Triple::select(made.some(), made, n));
+        }
+    }
+
+    /// Shading frames of a normal map, a bump map, or a roughness that depends on the direction: of all shapes, or of
+    /// those alone that are no meshes.
+    pub(super) fn own_frames(&mut self, group: &Group, only_bodies: bool) {
         let world = self.batch.world;
         for at in group.from..group.end {
             let row = at - group.from;
             let from = self.scratch.order[at] as usize;
+            if only_bodies && matches!(world.shapes[self.scratch.shape[from] as usize].form, Form::Mesh(_)) {
+                continue;
+            }
             let hit = self.hit(from);
             let ray = self.ray(from);
             let found = world.interaction_at(&ray, &hit, (self.scratch.shape[from], hit.primitive));

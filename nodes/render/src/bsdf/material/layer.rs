@@ -3,7 +3,8 @@
 use super::SLOTS;
 use crate::{
     bsdf::{
-        DELTA_ALPHA, Diffuse, Lobe, Points,
+        DELTA_ALPHA, Diffuse, Points,
+        blend::Lobe,
         coated::{Coat, Plastic},
         ggx::Facets,
         glass::{Glass, Thin},

@@ -1,6 +1,10 @@
 //! Maps that perturb the shading normal.
 
-use crate::{bsdf::Surface, texture::Texture};
+use crate::{
+    bsdf::{Points, Surface},
+    lanes::{Real, Triple},
+    texture::Texture,
+};
 use glam::{Vec2, Vec3};
 
 /// How a map perturbs the shading normal.
@@ -32,6 +36,19 @@ impl Relief {
         let n = self.map.eval(s) * 2.0 - Vec3::ONE;
         // A map may point below the surface where it was compressed badly.
         Vec3::new(n.x * self.scale, n.y * self.scale, n.z.max(1e-3)).normalize_or(Vec3::Z)
+    }
+
+    /// Whether it is a normal map without options that reads no vertex colours.
+    pub(crate) fn is_by_lane(&self) -> bool {
+        !self.heights && self.options.is_none() && !self.map.reads_colors()
+    }
+
+    /// [`Relief::normal`] by lane.
+    #[inline(always)]
+    pub(crate) fn normals<R: Real>(&self, at: &Points<R>) -> Triple<R> {
+        let n = self.map.lanes(at) * R::splat(2.0) - Triple::all(R::one());
+        let n = Triple::new(n.x * self.scale, n.y * self.scale, n.z.max(R::splat(1e-3))).normalize();
+        Triple::select(n.some(), n, Triple::splat(Vec3::Z))
     }
 
     /// The normal of a normal map in its tangent frame as Mitsuba reads it, of any length and on either side.
