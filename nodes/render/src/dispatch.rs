@@ -172,7 +172,7 @@ macro_rules! kernels {
             kernels!(@group thin, scatter::<$wide, Thin<$wide>> $(, $feature)?);
             kernels!(@group plastic, scatter::<$wide, Plastic<'_, $wide>> $(, $feature)?);
             kernels!(@group principled, scatter::<$wide, Principled<$wide>> $(, $feature)?);
-            // Shaded one by one.
+            // Blends are shaded one by one.
             kernels!(@group blend, scatter::<f32, Blend<'_>> $(, $feature)?);
 
             $(#[target_feature(enable = $feature)])?

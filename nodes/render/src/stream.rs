@@ -186,10 +186,10 @@ impl Stream<'_> {
         if used.normal_map_by_lane().is_some() {
             kernels.normal_maps(self, group);
             if used.bodies {
-                self.own_frames(group, true);
+                self.frames_of_bodies(group);
             }
         } else if material.has_own_frame() {
-            self.own_frames(group, false);
+            self.own_frames(group);
         }
         kernels.textures(self, group);
         if self.samples_lights(material) {

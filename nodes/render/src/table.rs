@@ -86,8 +86,9 @@ pub(crate) struct Facts<R: Real> {
     pub(crate) normals: [Triple<R>; 3],
     /// u and v of each vertex.
     uvs: [R; 6],
-    /// Those without vertex normals, and those without texture coordinates.
+    /// Triangles without vertex normals.
     pub(crate) flat: R::Mask,
+    /// Triangles without texture coordinates.
     pub(crate) bare: R::Mask,
 }
 

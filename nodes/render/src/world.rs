@@ -68,7 +68,8 @@ pub(crate) struct UsedMaterial {
     pub(crate) emits: bool,
     /// It reads vertex colours, or the emission of some does.
     pub(crate) reads_colors: bool,
-    /// Some are no meshes.
+    /// Some are meshes, and some are not.
+    meshes: bool,
     pub(crate) bodies: bool,
     /// Some are meshes with tangents of their own.
     pub(crate) tangents: bool,
@@ -77,7 +78,7 @@ pub(crate) struct UsedMaterial {
 impl UsedMaterial {
     fn new(material: Material) -> Self {
         let reads_colors = material.reads_colors();
-        Self { material, shared: false, emits: false, reads_colors, bodies: false, tangents: false }
+        Self { material, shared: false, emits: false, reads_colors, meshes: false, bodies: false, tangents: false }
     }
 
     /// Whether it, or what its shapes emit, reads texture coordinates.
@@ -89,8 +90,9 @@ impl UsedMaterial {
     /// Its normal map, if triangles get their frames by lane.
     #[inline(always)]
     pub(crate) fn normal_map_by_lane(&self) -> Option<&Relief> {
-        let plain = !self.tangents && !self.material.is_anisotropic();
-        self.material.relief().filter(|relief| plain && relief.is_by_lane())
+        let plain = self.meshes && !self.tangents && !self.material.is_anisotropic();
+        let relief = self.material.relief()?;
+        (plain && relief.is_by_lane()).then_some(relief)
     }
 }
 
@@ -179,7 +181,8 @@ impl World {
         }
         for shape in &shapes {
             let used = &mut materials[shape.material as usize];
-            used.bodies |= !matches!(shape.form, Form::Mesh(_));
+            let is_mesh = matches!(shape.form, Form::Mesh(_));
+            (used.meshes, used.bodies) = (used.meshes | is_mesh, used.bodies | !is_mesh);
             used.shared |= shape.placed != IN_WORLD;
             used.tangents |= matches!(&shape.form, Form::Mesh(mesh) if mesh.tangents.is_some());
         }

@@ -22,7 +22,7 @@ pub(super) enum Lobe<'a> {
     Principled(Principled<f32>),
 }
 
-/// A material's scattering at a point: any lobe, or a blend of several.
+/// A material's scattering at a point, with the values of its textures there.
 pub(crate) struct Blend<'a> {
     layers: &'a [Layer],
     at: Points<f32>,

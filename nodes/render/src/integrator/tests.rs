@@ -45,24 +45,62 @@ fn every_set_of_instructions_has_the_same_bits() {
     }
 }
 
+/// Normal maps on copies placed in every way, without tangents of their own; on triangles without normals or texture
+/// coordinates, and whose coordinates are all one point; on spheres and disks. Squares have tangents.
+fn normal_maps() -> Built {
+    let mut built = copies();
+    let mapped = built.scene.materials.iter().find_map(|bsdf| match bsdf {
+        Bsdf::TwoSided { inner } => match &**inner {
+            Bsdf::NormalMap { map, .. } => Some(map.clone()),
+            _ => None,
+        },
+        _ => None,
+    });
+    let map = mapped.expect("a normal map");
+    // The floor and the masked material stay as they are.
+    for (number, bsdf) in built.scene.materials.iter_mut().enumerate() {
+        let plain = matches!(bsdf, Bsdf::Diffuse { .. } | Bsdf::Plastic { .. } | Bsdf::Dielectric { .. });
+        if number > 0 && plain {
+            *bsdf = Bsdf::NormalMap { map: map.clone(), scale: 0.8, inner: Box::new(bsdf.clone()) };
+        }
+    }
+    let (with_tangents, without) = (built.scene.shapes[1].geometry.clone(), built.scene.shapes[2].geometry.clone());
+    for shape in &mut built.scene.shapes {
+        if shape.geometry == with_tangents {
+            shape.geometry = without.clone();
+        }
+    }
+    let pointed = Mesh { uvs: Some(vec![[0.3, 0.4]; ball(8).positions.len()]), ..ball(8) };
+    let place = |x: f64| columns([0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [x, 1.6, 1.0]);
+    for material in [1, 2] {
+        let x = 1.4 * f64::from(material as u32) - 2.2;
+        built.mesh(&pointed, place(x), material);
+        built.shape(Geometry::Disk, place(x + 0.7), material).flip_normals = true;
+        built.sphere([x, 2.3, 0.5], 0.3, material).flip_normals = material == 2;
+    }
+    built
+}
+
 #[test]
 fn normal_maps_by_lane_have_the_bits_of_single_frames() {
-    let shared = World::with_sharing(&copies().scene, &mut |digest| copies().load(digest), Sharing::Always);
-    for mut world in [world(&everything()), world(&copies()), shared.expect("a sound scene")] {
+    for sharing in [Sharing::Always, Sharing::Never] {
+        let built = normal_maps();
+        let mut world = World::with_sharing(&built.scene, &mut |digest| built.load(digest), sharing).expect("sound");
         let render = |world: &World| {
-            let renderer = Renderer::new(world, film(24, 20), 3).expect("a film");
+            let renderer = Renderer::new(world, film(48, 40), 3).expect("a film");
             let mut film = renderer.begin();
             renderer.advance(&mut film, 16, &mut |_| Ok(())).expect("nothing stops it");
             film
         };
-        let by_lane = |world: &World| world.materials.iter().any(|used| used.normal_map_by_lane().is_some());
-        assert!(by_lane(&world));
+        let by_lane = |world: &World| world.materials.iter().filter(|m| m.normal_map_by_lane().is_some()).count();
+        assert!(by_lane(&world) >= 4, "{}", by_lane(&world));
+        assert_eq!(world.placed_count() > 0, sharing == Sharing::Always);
         let film = render(&world);
         // Materials of meshes with tangents get their frames one by one.
         for used in &mut world.materials {
             used.tangents = true;
         }
-        assert!(!by_lane(&world));
+        assert_eq!(by_lane(&world), 0);
         assert_eq!(film, render(&world));
     }
 }

@@ -162,8 +162,8 @@ impl Stream<'_> {
         }
     }
 
-    /// Shading normals of a normal map on triangles without tangents of their own: those of
-    /// [`World::shading_frame`](crate::world::World::shading_frame), bit by bit.
+    /// Shading normals of a normal map on triangles without tangents of their own, as those of
+    /// [`World::shading_frame`](crate::world::World::shading_frame). Rows of other shapes mean nothing.
     #[inline(always)]
     pub(crate) fn normal_maps<R: Real>(&mut self, group: &Group) {
         let world = self.batch.world;
@@ -205,24 +205,32 @@ impl Stream<'_> {
         }
     }
 
-    /// Shading frames of a normal map, a bump map, or a roughness that depends on the direction: of all shapes, or of
-    /// those alone that are no meshes.
-    pub(super) fn own_frames(&mut self, group: &Group, only_bodies: bool) {
-        let world = self.batch.world;
+    /// Shading frames of a normal map, a bump map, or a roughness that depends on the direction.
+    pub(super) fn own_frames(&mut self, group: &Group) {
         for at in group.from..group.end {
-            let row = at - group.from;
-            let from = self.scratch.order[at] as usize;
-            if only_bodies && matches!(world.shapes[self.scratch.shape[from] as usize].form, Form::Mesh(_)) {
-                continue;
+            self.own_frame(at, at - group.from);
+        }
+    }
+
+    /// The same of spheres and disks alone.
+    pub(super) fn frames_of_bodies(&mut self, group: &Group) {
+        for at in group.from..group.end {
+            let shape = self.scratch.shape[self.scratch.order[at] as usize];
+            if !matches!(self.batch.world.shapes[shape as usize].form, Form::Mesh(_)) {
+                self.own_frame(at, at - group.from);
             }
-            let hit = self.hit(from);
-            let ray = self.ray(from);
-            let found = world.interaction_at(&ray, &hit, (self.scratch.shape[from], hit.primitive));
-            let frame = world.shading_frame(&hit, hit.primitive, &found, -ray.direction);
-            for k in 0..3 {
-                self.scratch.vertices.rows[MAPPED + k][row] = frame.n[k];
-                self.scratch.vertices.rows[ALONG + k][row] = frame.s[k];
-            }
+        }
+    }
+
+    fn own_frame(&mut self, at: usize, row: usize) {
+        let world = self.batch.world;
+        let from = self.scratch.order[at] as usize;
+        let (hit, ray) = (self.hit(from), self.ray(from));
+        let found = world.interaction_at(&ray, &hit, (self.scratch.shape[from], hit.primitive));
+        let frame = world.shading_frame(&hit, hit.primitive, &found, -ray.direction);
+        for k in 0..3 {
+            self.scratch.vertices.rows[MAPPED + k][row] = frame.n[k];
+            self.scratch.vertices.rows[ALONG + k][row] = frame.s[k];
         }
     }
 
