@@ -68,8 +68,9 @@ pub(crate) struct UsedMaterial {
     pub(crate) emits: bool,
     /// It reads vertex colours, or the emission of some does.
     pub(crate) reads_colors: bool,
-    /// Some are meshes, and some are not.
+    /// Some are meshes.
     meshes: bool,
+    /// Some are no meshes.
     pub(crate) bodies: bool,
     /// Some are meshes with tangents of their own.
     pub(crate) tangents: bool,
