@@ -15,8 +15,11 @@ PLANS = {
 }
 # Presets whose output at a pixel depends only on its surroundings.
 LOCAL = ("fast", "best")
+# Outputs with a shading factor.
+SHADED = ("shaded_means", "guided_means")
 CHANNELS, CLOCK = 15, 14
 BLACK, BARE, FLOOR, STEEPEST = 0.02, 0.25, 0.05, 16.0
+SHARPNESS, FARTHEST = 16.0, 8.0
 
 
 def sides(preset):
@@ -27,6 +30,11 @@ def sides(preset):
 def numbers_of(preset, output):
     """Numbers of the last layer for a pixel."""
     return 3 if output == "values" else sum(side * side for side in sides(preset))
+
+
+def strengths_of(preset):
+    """Strengths of guides for a pixel: of albedo and of normals, at each scale."""
+    return 2 * len(sides(preset))
 
 
 def multiple(preset):
@@ -78,10 +86,12 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             self.skip = nn.ModuleList(nn.Conv2d(w, w, 1) for w in reversed(widths[:-1]))
             self.up = nn.ModuleList(level(w) for w in reversed(widths[:-1]))
             self.last = Step(widths[0], 4 * numbers)
-            if output == "shaded_means":
+            if output in SHADED:
                 self.shade = nn.Conv2d(widths[0], 4 * 3, 3, padding=1)
+            if output == "guided_means":
+                self.guide = nn.Conv2d(widths[0], 4 * strengths_of(preset), 3, padding=1)
 
-        def forward(self, x, clock, bases, albedo, state, gain):
+        def forward(self, x, clock, bases, albedo, state, gain, distances=None):
             time = self.time(clock)
             x = self.stem(F.pixel_unshuffle(x, 2))
             skips = []
@@ -100,10 +110,12 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             answer = F.pixel_shuffle(self.last.conv(x), 2)
             if output == "values":
                 return answer
+            if output == "guided_means":
+                answer = answer - guided(distances, F.pixel_shuffle(self.guide(x), 2), sides(preset))
             # One product of matrices (einsum) for it takes two to three times as long.
             shares = answer.softmax(1)
             mean = torch.stack([(bases[:, colour] * shares).sum(1) for colour in range(3)], 1)
-            if output == "shaded_means":
+            if output in SHADED:
                 power = F.pixel_shuffle(self.shade(x), 2).exp()
                 mean = mean * (1 + 4 * power) / (4 + power)
             mean = albedo * mean
@@ -122,6 +134,19 @@ def bases(light, sides=(5, 3, 3, 3)):
         around = F.unfold(padded, side).view(count, colours, side * side, height, width)
         found.append(around.repeat_interleave(2**scale, 3).repeat_interleave(2**scale, 4))
     return torch.cat(found, 2)
+
+
+def distances(gbuffer, sides):
+    """Squared distances of albedo and of normals to those of the pixel, [N, 2, weights, H, W]."""
+    of = lambda x: (bases(x, sides) - x[:, :, None]).square().sum(1).clamp(max=FARTHEST)
+    return torch.stack([of(gbuffer[:, :3]), of(gbuffer[:, 3:])], 1)
+
+
+def guided(distances, strengths, sides):
+    """How much the numbers [N, weights, H, W] fall, for strengths [N, scales x 2, H, W]."""
+    each = strengths.unflatten(1, (len(sides), 2)).transpose(1, 2)
+    places = torch.tensor([side * side for side in sides], device=strengths.device)
+    return SHARPNESS * (distances * each.repeat_interleave(places, 2)).sum(1)
 
 
 def channels(info):
@@ -153,8 +178,10 @@ def shapes(preset, channels, output="means"):
     level("middle", widths[-1])
     found["last.time"] = (embedding, 2 * widths[0])
     found["head"] = (9 * widths[0], 4 * numbers_of(preset, output))
-    if output == "shaded_means":
+    if output in SHADED:
         found["shade"] = (9 * widths[0], 4 * 3)
+    if output == "guided_means":
+        found["guide"] = (9 * widths[0], 4 * strengths_of(preset))
     return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
             for name, shape in found.items() for part in ("kernel", "bias")}
 
@@ -165,7 +192,7 @@ def place(name, levels):
     up = lambda i: levels - 1 - int(i)
     if first == "time":
         return f"time.{2 * int(rest[0])}"
-    if first in ("stem", "shade"):
+    if first in ("stem", "shade", "guide"):
         return first
     if first == "head":
         return "last.conv"
@@ -189,11 +216,11 @@ def layout(name, kernel, bias):
     Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by channel.
     """
     outputs = kernel.shape[1]
-    if name in ("head", "shade") or name.endswith(".in"):
+    if name in ("head", "shade", "guide") or name.endswith(".in"):
         turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
         kernel, bias = turn(kernel), turn(bias)
     steps = name.split(".")[-1].isdigit() and not name.startswith("time")
-    size = 3 if name in ("stem", "head", "shade") or steps else 1
+    size = 3 if name in ("stem", "head", "shade", "guide") or steps else 1
     weight = kernel.reshape(size, size, -1, outputs)
     if name == "stem" or name.endswith(".out"):
         weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)
@@ -310,5 +337,7 @@ def predict(info, net, state, gbuffer, tau):
     state, gbuffer = plane(state), plane(gbuffer) if has_gbuffer(info) else None
     shown, light, albedo = features(info, state, gbuffer)
     with torch.inference_mode():
-        found = net(shown, clock(info, tau), bases(light, sides(info["preset"])), albedo, state, gain(info, tau))
+        windows = sides(info["preset"])
+        apart = distances(gbuffer, windows) if info.get("output") == "guided_means" else None
+        found = net(shown, clock(info, tau), bases(light, windows), albedo, state, gain(info, tau), apart)
     return found[0, :, :height, :width].permute(1, 2, 0)

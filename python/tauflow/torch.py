@@ -138,7 +138,11 @@ def load(path: Union[str, os.PathLike[str]]) -> Solver:
     weights, notes = _safetensors.read(path)
     try:
         info = json.loads(json.loads(notes["tauflow"])["model"])
-        known = {"features": ("contrast", "covered", "plain"), "law": ("limits", "covariances")}
+        known = {
+            "features": ("contrast", "covered", "plain"),
+            "law": ("limits", "covariances"),
+            "output": ("means", *_network.SHADED, "values"),
+        }
         unknown = [f"`{field}: {info[field]}`" for field, of in known.items() if info.get(field, of[0]) not in of]
         if unknown:
             told = f"{path}: the model has {unknown[0]}, which this version does not know; update `tauflow`"

@@ -167,19 +167,22 @@ impl Model {
     pub(crate) fn into_weights_for(self, like: &ModelInfo) -> Result<Weights, KindError> {
         // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
         let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
+        // Guided means are shaded means until the guide is learned, which starts as zeros.
+        let guided = (self.info.output, like.output) == (Output::ShadedMeans, Output::GuidedMeans);
+        let output = |of: Output| if guided { like.output } else { of };
         let own = |info: &ModelInfo| {
             [
                 ("preset", info.preset.name().to_owned()),
                 ("conditioning", info.conditioning.name().into()),
                 ("parameterization", info.parameterization.name().into()),
                 ("space", info.space.name().into()),
-                ("output", info.output.name().into()),
+                ("output", output(info.output).name().into()),
                 ("features", features(info.features).name().into()),
                 ("law", info.law.name().into()),
             ]
         };
         match own(&self.info).into_iter().zip(own(like)).find(|(start, wanted)| start != wanted) {
-            None => Ok(self.weights),
+            None => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights, 0)),
             Some(((param, start), (_, wanted))) => Err(KindError::Input(format!(
                 "the model on input `start` has `{param}: {start}`, but this training has `{param}: {wanted}`; give \
                 both the same `{param}`"
@@ -333,7 +336,7 @@ mod tests {
             exponent: INDEPENDENT_EXPONENT,
             sampler: SamplerKind::Independent,
         };
-        for output in [Output::Means, Output::ShadedMeans, Output::Values] {
+        for output in [Output::Means, Output::ShadedMeans, Output::GuidedMeans, Output::Values] {
             let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);
             let model = Model::new(info(output), weights, &Place::cpu()).expect("fits");
             let bytes = model.to_bytes().expect("plain numbers");

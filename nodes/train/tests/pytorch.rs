@@ -67,6 +67,7 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
                 weights
             }
         }
+        "S" => 2 * numbers(&preset[5]).len(),
         "E" => embedding,
         "Wi" => widths[level],
         "Wj" => widths[level + 1],
@@ -77,7 +78,12 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
         },
     };
     let mut found = BTreeMap::new();
-    for row in table("layer").iter().filter(|row| row[0] != "shade" || text("output") == "shaded_means") {
+    let has = |layer: &str| match layer {
+        "shade" => ["shaded_means", "guided_means"].contains(&text("output")),
+        "guide" => text("output") == "guided_means",
+        _ => true,
+    };
+    for row in table("layer").iter().filter(|row| has(&row[0])) {
         let places: BTreeSet<(usize, usize, usize)> = (0..(widths.len() - 1) * blocks * convolutions)
             .map(|n| (n / (blocks * convolutions), n / convolutions % blocks, n % convolutions))
             .collect();
@@ -182,6 +188,8 @@ fn made_up(size: usize, salt: usize) -> Vec<f64> {
 fn filled(mut file: TensorFile) -> Vec<u8> {
     for (salt, (name, tensor)) in file.tensors.iter_mut().enumerate() {
         let scale = if name.ends_with("bias") { 0.1 } else { 1.5 / (tensor.shape[0] as f64).sqrt() };
+        // Strengths of guides act sixteenfold.
+        let scale = if name.starts_with("guide") { scale / 16.0 } else { scale };
         tensor.data = made_up(tensor.data.len(), salt).into_iter().map(|v| (v * scale) as f32).collect();
     }
     file.to_bytes().expect("consistent")
@@ -273,6 +281,11 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
             "covered",
             json!({ "conditioning": "gbuffer", "output": "shaded_means", "space": "log1p", "preset": "fast",
                 "parameterization": "mc_noise", "features": "covered", "loss": "tonal" }),
+        ),
+        (
+            "guided",
+            json!({ "conditioning": "gbuffer", "output": "guided_means", "space": "log1p", "preset": "fast",
+                "parameterization": "mc_noise", "features": "covered", "loss": "preview" }),
         ),
         ("values", json!({ "output": "values", "parameterization": "vanilla_rf" })),
         ("plain", json!({ "output": "values", "features": "plain", "conditioning": "gbuffer" })),

@@ -10,12 +10,13 @@ use tauflow_contract::{
     Action, Collection, Context, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Progress, Silent,
 };
 use tauflow_data::{
-    SamplerKind,
+    SamplerKind, TensorFile,
     records::{Convergence, ConvergenceRow, Estimate, PackedScene, SceneConvergence, TrainingLog, TrainingTiming},
     time::TimeGrid,
 };
 use tauflow_train::{
-    Clock, Conditioning, Course, Decay, Denoiser, Model, ModelInfo, Parameterization, Training, TrainingParams, rollout,
+    Clock, Conditioning, Course, Decay, Denoiser, Model, ModelInfo, Output, Parameterization, Training, TrainingParams,
+    rollout,
 };
 
 const COUNTS: [u64; 5] = [1, 2, 4, 8, 16];
@@ -144,6 +145,26 @@ fn a_training_can_begin_with_the_weights_of_a_model() {
     assert!(weights(&more) != weights(&first));
     let other = again(&TrainingParams { conditioning: Conditioning::Gbuffer, ..short() }).expect_err("another network");
     assert!(other.to_string().contains("`conditioning: rgb`") && other.to_string().contains("`start`"), "{other}");
+}
+
+#[test]
+fn guided_means_begin_as_the_shaded_means_that_they_start_from() {
+    let lab = Lab::new(3, 1, 24);
+    let of = |output, steps| TrainingParams { conditioning: Conditioning::Gbuffer, output, steps, ..short() };
+    let shaded = lab.train(&of(Output::ShadedMeans, short().steps));
+    let cancel = AtomicBool::new(false);
+    let from = |start: &Outputs, params: &TrainingParams| {
+        lab.run_with(params, &[("start", &start.collections["model"])], &Silent, &cancel)
+    };
+    let last = |outputs: &Outputs| lab.log(outputs).points.last().and_then(|point| point.test).expect("test scenes");
+    let guided = from(&shaded, &of(Output::GuidedMeans, 0)).expect("no steps");
+    assert_eq!(last(&guided), last(&shaded), "the guide starts at nothing");
+    let trained = from(&shaded, &of(Output::GuidedMeans, 8)).expect("trains");
+    let model = Model::load(&lab.bytes(&trained, "model")).expect("a model");
+    let file = TensorFile::from_bytes(&model.to_bytes().expect("writes")).expect("safetensors");
+    assert!(file.get("guide.kernel").expect("a layer").data.iter().any(|weight| *weight != 0.0), "the guide learns");
+    let back = from(&trained, &of(Output::ShadedMeans, 0)).expect_err("a guide has no place there");
+    assert!(back.to_string().contains("`output: guided_means`"), "{back}");
 }
 
 #[test]

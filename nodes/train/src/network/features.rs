@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, sync::Arc};
 use tauflow_data::maths;
-use tauflow_ops::{Pyramid, expm1, map, map2};
+use tauflow_ops::{Guided, Pyramid, expm1, map, map2};
 
 /// Numbers that tell the time.
 pub(crate) const CLOCK: usize = 14;
@@ -158,7 +158,16 @@ impl Encoding {
             albedos.extend(albedo.into_iter().flatten());
         }
         let shape = [samples.len(), height, width, channels];
+        // Albedo and normals of the pixels.
+        let guide = |channel: usize| {
+            let buffers = samples.iter().filter_map(|sample| sample.gbuffer);
+            let values =
+                buffers.flat_map(|buffer| buffer.chunks_exact(6).flat_map(|pixel| &pixel[channel..channel + 3]));
+            let values: Vec<f32> = values.copied().collect();
+            Arc::new(Pyramid::new(&values, height, width, self.preset.sides()))
+        };
         let head = (self.output != Output::Values).then(|| Head {
+            guides: (self.output == Output::GuidedMeans).then(|| Guided(vec![guide(0), guide(3)])),
             light: Arc::new(Pyramid::new(&lights, height, width, self.preset.sides())),
             answer: Answer {
                 albedo: self.gbuffer.then(|| Arc::new(albedos)),

@@ -183,8 +183,44 @@ fn gradients_of_the_tonal_loss() {
 }
 
 #[test]
+fn gradients_of_the_loss_of_previews() {
+    let (side, size) = (4, 2 * 4 * 4 * 3);
+    // Clean images between 0.1 and 2.1, and predictions off them.
+    let clean: Vec<f32> = numbers(3, size).iter().map(|v| 1.1 + v).collect();
+    let state = Arc::new(numbers(4, size));
+    let target: Vec<f32> = state.iter().zip(&clean).map(|(state, clean)| state - clean).collect();
+    let prediction: Vec<f32> =
+        target.iter().zip(numbers(5, size)).map(|(t, v)| t + 0.05f32.copysign(v) - 0.03 * v).collect();
+    let target = Arc::new(target);
+    let shown = head::Shown { state, side };
+    let loss = |t: &[Tensor<4>]| {
+        let judged = (target.clone(), Some(shown.clone()));
+        head::mean_loss(t[0].clone(), judged, target.len(), Loss::Preview).reshape([1])
+    };
+    check(&[(prediction, vec![2, side, side, 3])], loss);
+    let at = |values: &[f32]| loss(&[tensor(values, [2, side, side, 3], &Device::flex())]).into_scalar::<f32>();
+    assert_eq!(at(&target), 0.0);
+    // One image of one brightness that is off by a little: the square counts beside the difference of logarithms.
+    let of = |log: f32, off: f32| {
+        let (shown, target) = (head::Shown { state: Arc::new(vec![0.0; size]), side }, Arc::new(vec![-log; size]));
+        let off = tensor(&vec![-log - off; size], [2, side, side, 3], &Device::flex());
+        f64::from(head::mean_loss(off, (target, Some(shown)), size, Loss::Preview).into_scalar::<f32>())
+    };
+    let seen = |log: f64| {
+        let radiance = log.exp() - 1.0 + f64::from(head::DIM);
+        (radiance / (1.0 + radiance)).sqrt()
+    };
+    for (log, off) in [(0.01f32, 0.01f32), (1.0, 0.05), (40.0, 0.1)] {
+        let (a, b) = (f64::from(log), f64::from(log + off));
+        let square = if log < 30.0 { (seen(b) - seen(a)).powi(2) } else { 0.0 };
+        let expected = (b - a) + f64::from(head::PREVIEWS) * square;
+        assert!((of(log, off) - expected).abs() < 1e-3 * expected, "{log}: {} {expected}", of(log, off));
+    }
+}
+
+#[test]
 fn gradients_of_the_whole_network() {
-    for output in [Output::Means, Output::ShadedMeans, Output::Values] {
+    for output in [Output::Means, Output::ShadedMeans, Output::GuidedMeans, Output::Values] {
         gradients_of_the_network(output, Preset::Tiny, Some(0.3));
     }
     gradients_of_the_network(Output::ShadedMeans, Preset::Fast, Some(0.3));
@@ -203,10 +239,14 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
     let state: Vec<f32> = numbers(1, 16 * 16 * 3).iter().map(|v| 3.0 * v.abs()).collect();
     let gbuffer = numbers(2, 16 * 16 * 6);
     let mut weights = network.slots().draw(3);
+    // Strengths of guides act sixteenfold, on distances of up to 8.
+    let names = network.slots().shapes();
+    let guide = |i: usize| names[i].0.starts_with("guide");
     // Nothing may be zero, or its gradient and those behind it would be.
     for (i, matrix) in weights.0.iter_mut().enumerate() {
         if matrix.iter().all(|v| *v == 0.0) {
-            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| 0.05 * v).collect();
+            let scale = if guide(i) { 0.005 } else { 0.05 };
+            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| scale * v).collect();
         }
     }
     let target = Arc::new(numbers(4, 16 * 16 * 3));
@@ -227,7 +267,7 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
         // Along the gradient the loss must rise by the gradient's length.
         let length = found.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
         assert!(length > 0.0, "matrix {i} has no gradient");
-        let step = 1e-2;
+        let step = if guide(i) { 1e-3 } else { 1e-2 };
         let moved = |sign: f64| {
             let mut moved = weights.clone();
             for (w, g) in moved.0[i].iter_mut().zip(&found) {

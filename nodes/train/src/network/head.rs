@@ -8,7 +8,7 @@
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
-use tauflow_ops::{Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
+use tauflow_ops::{Guided, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
 use tauflow_tensors::apply;
 
 /// Output of the network.
@@ -21,6 +21,9 @@ pub enum Output {
     /// The same, and a factor between 1/4 and 4 for each colour of the mean: light falls on a pixel otherwise than
     /// around it.
     ShadedMeans,
+    /// The same, and weights that fall with how much albedo and normals differ from the pixel's own, as fast as the
+    /// network says. Needs G-buffers.
+    GuidedMeans,
     /// Predictions, with nothing known put in: for studies of what the law is worth.
     Values,
 }
@@ -36,6 +39,7 @@ impl Output {
         match self {
             Self::Means => "means",
             Self::ShadedMeans => "shaded_means",
+            Self::GuidedMeans => "guided_means",
             Self::Values => "values",
         }
     }
@@ -48,7 +52,7 @@ impl Output {
     /// Numbers of the last layer for a pixel, of windows of weights with these sides.
     pub(crate) fn numbers(self, sides: &[usize]) -> usize {
         match self {
-            Self::Means | Self::ShadedMeans => sides.iter().map(|side| side * side).sum(),
+            Self::Means | Self::ShadedMeans | Self::GuidedMeans => sides.iter().map(|side| side * side).sum(),
             Self::Values => 3,
         }
     }
@@ -62,15 +66,26 @@ const PIXELS: usize = 1024;
 pub(crate) struct Head {
     /// Of the state as linear radiance, divided by albedo where there is one.
     pub(crate) light: Arc<Pyramid>,
+    /// Albedo and normals at the same scales, if weights are guided.
+    pub(crate) guides: Option<Guided>,
     /// The processing of the weighted mean.
     pub(crate) answer: Answer,
 }
 
 impl Head {
-    /// The prediction [N, H, W, 3] of numbers [N, H, W, weights], and of shades [N, H, W, 3] if there are any.
-    pub(crate) fn expand(self, numbers: Tensor<4>, shades: Option<Tensor<4>>) -> Tensor<4> {
+    /// The prediction [N, H, W, 3] of numbers [N, H, W, weights], and of shades [N, H, W, 3] and strengths of guides
+    /// [N, H, W, strengths] if there are any.
+    pub(crate) fn expand(
+        self,
+        mut numbers: Tensor<4>,
+        shades: Option<Tensor<4>>,
+        strengths: Option<Tensor<4>>,
+    ) -> Tensor<4> {
         let [images, height, width, channels] = numbers.dims();
         assert_eq!(channels, self.light.weights(), "a number for each place of the windows");
+        if let Some((guides, strengths)) = self.guides.zip(strengths) {
+            numbers = apply(guides, [numbers.into(), strengths.into()], [images, height, width, channels]);
+        }
         let shape = [images, height, width, 3];
         let mut mean = apply(WeightedMean(self.light), [numbers.into()], shape);
         if let Some(shades) = shades {
@@ -176,6 +191,17 @@ pub enum Loss {
     /// By the size of the differences of logarithms and of tones, and of the edges of tones: dark pixels count about as
     /// much as in a preview. Only for predictions of noise in logarithms.
     Tonal,
+    /// By the size of the differences of logarithms, and by the squares of the differences of previews and of their
+    /// edges: near the mean of the targets, and large errors count most, as in a PSNR. Only for predictions of noise in
+    /// logarithms.
+    Preview,
+}
+
+impl Loss {
+    /// Whether it judges images, not only predictions.
+    pub(crate) fn of_images(self) -> bool {
+        matches!(self, Self::Tonal | Self::Preview)
+    }
 }
 
 /// The images that predictions of noise belong to: the noise is the state less the clean image.
@@ -209,8 +235,32 @@ fn tone_slope(log: f32) -> f32 {
     DARK * (1.0 + radiance) / (1.0 + DARK * radiance)
 }
 
+/// Weight of squared differences of previews, and of their slopes, in [`Loss::Preview`].
+pub(super) const PREVIEWS: f32 = 8.0;
+pub(super) const SLOPES: f32 = 4.0;
+
+/// Added to radiance in previews: the slope of a square root has no end.
+pub(super) const DIM: f32 = 0.002;
+
+/// The square root of y/(1 + y), where y is the radiance with this logarithm log(1 + x) plus [`DIM`]: nearly the
+/// preview, whose exponent is 1/2.2. Negative radiance counts as 0.
+fn preview(log: f32) -> f32 {
+    let radiance = expm1(log.clamp(0.0, BRIGHT)) + DIM;
+    (radiance / (1.0 + radiance)).sqrt()
+}
+
+/// The slope of [`preview`].
+fn preview_slope(log: f32) -> f32 {
+    if !(0.0..BRIGHT).contains(&log) {
+        return 0.0;
+    }
+    let radiance = expm1(log);
+    let above = 1.0 + DIM + radiance;
+    0.5 * (1.0 + radiance) / (above * above * ((DIM + radiance) / above).sqrt())
+}
+
 /// The losses of a prediction by a target of its shape, added and divided by `count`: how many there are in all parts
-/// of a batch together. [`Loss::Tonal`] needs the images.
+/// of a batch together. Losses of images need them.
 pub(crate) fn mean_loss<const D: usize>(
     prediction: Tensor<D>,
     (target, shown): (Arc<Vec<f32>>, Option<Shown>),
@@ -218,7 +268,7 @@ pub(crate) fn mean_loss<const D: usize>(
     loss: Loss,
 ) -> Tensor<1> {
     assert_eq!(prediction.shape().num_elements(), target.len(), "the target has the prediction's shape");
-    assert_eq!(loss == Loss::Tonal, shown.is_some(), "tones are those of images");
+    assert_eq!(loss.of_images(), shown.is_some(), "tones are those of images");
     apply(MeanLoss { target, count, loss, shown }, [prediction.into()], [1])
 }
 
@@ -233,7 +283,7 @@ pub(super) struct MeanLoss {
 
 impl MeanLoss {
     /// Differences of tones of the images: the predicted one less the target.
-    fn tones(&self, shown: &Shown, prediction: &[f32]) -> Vec<f32> {
+    fn tones(&self, shown: &Shown, prediction: &[f32], tone: impl Fn(f32) -> f32) -> Vec<f32> {
         let each = shown.state.iter().zip(prediction).zip(self.target.iter());
         each.map(|((state, p), t)| tone(state - p) - tone(state - t)).collect()
     }
@@ -260,12 +310,18 @@ impl Operator<1> for MeanLoss {
             let difference = f64::from(p - t);
             match self.loss {
                 Loss::Squared => difference * difference,
-                Loss::Absolute | Loss::Tonal => difference.abs(),
+                Loss::Absolute | Loss::Tonal | Loss::Preview => difference.abs(),
             }
         };
         let mut total: f64 = prediction.iter().zip(self.target.iter()).map(of).sum();
-        if let Some(shown) = &self.shown {
-            let tones = self.tones(shown, prediction);
+        if let Some(shown) = self.shown.as_ref().filter(|_| self.loss == Loss::Preview) {
+            let off = self.tones(shown, prediction, preview);
+            let mut edges = 0.0;
+            Self::edges(shown, |a, b| edges += f64::from(off[a] - off[b]).powi(2));
+            let squares = off.iter().map(|off| f64::from(*off).powi(2)).sum::<f64>();
+            total += f64::from(PREVIEWS) * squares + f64::from(SLOPES) * edges;
+        } else if let Some(shown) = &self.shown {
+            let tones = self.tones(shown, prediction, tone);
             total += f64::from(TONES) * tones.iter().map(|tone| f64::from(tone.abs())).sum::<f64>();
             let mut edges = 0.0;
             Self::edges(shown, |a, b| edges += f64::from((tones[a] - tones[b]).abs()));
@@ -278,11 +334,22 @@ impl Operator<1> for MeanLoss {
         let scale = gradient[0] / self.count as f32;
         let of = |(p, t): (&f32, &f32)| match self.loss {
             Loss::Squared => 2.0 * (p - t) * scale,
-            Loss::Absolute | Loss::Tonal => scale * sign(p - t),
+            Loss::Absolute | Loss::Tonal | Loss::Preview => scale * sign(p - t),
         };
         let mut out: Vec<f32> = prediction.iter().zip(self.target.iter()).map(of).collect();
-        if let Some(shown) = &self.shown {
-            let tones = self.tones(shown, prediction);
+        if let Some(shown) = self.shown.as_ref().filter(|_| self.loss == Loss::Preview) {
+            let off = self.tones(shown, prediction, preview);
+            let mut slopes: Vec<f32> = off.iter().map(|off| 2.0 * PREVIEWS * off).collect();
+            Self::edges(shown, |a, b| {
+                let slope = 2.0 * SLOPES * (off[a] - off[b]);
+                slopes[a] += slope;
+                slopes[b] -= slope;
+            });
+            for (((out, slope), state), p) in out.iter_mut().zip(slopes).zip(shown.state.iter()).zip(prediction) {
+                *out -= scale * slope * preview_slope(state - p);
+            }
+        } else if let Some(shown) = &self.shown {
+            let tones = self.tones(shown, prediction, tone);
             let mut slopes: Vec<f32> = tones.iter().map(|tone| TONES * sign(*tone)).collect();
             Self::edges(shown, |a, b| {
                 let slope = EDGES * sign(tones[a] - tones[b]);

@@ -1,6 +1,6 @@
 //! The operators of the head by burn's own operations: for devices that are no CPU. burn finds their gradients itself.
 
-use super::head::{Answer, BRIGHT, BRIGHTEST, DARK, EDGES, Loss, MeanLoss, Shade, Shown, TONES};
+use super::head::{Answer, BRIGHT, BRIGHTEST, DARK, DIM, EDGES, Loss, MeanLoss, PREVIEWS, SLOPES, Shade, Shown, TONES};
 use burn::tensor::{Tensor, activation::sigmoid};
 use tauflow_tensors::{OnDevice, constant, flat};
 
@@ -36,11 +36,12 @@ impl OnDevice<1> for MeanLoss {
         let difference = prediction.clone() - target.clone();
         let losses = match self.loss {
             Loss::Squared => difference.square(),
-            Loss::Absolute | Loss::Tonal => difference.abs(),
+            Loss::Absolute | Loss::Tonal | Loss::Preview => difference.abs(),
         };
         let mut total = losses.sum();
         if let Some(Shown { state, side }) = &self.shown {
             let state = constant(state, [state.len()], &device);
+            let tone = if self.loss == Loss::Preview { preview } else { tone };
             let tones = tone(state.clone() - prediction) - tone(state - target);
             let images = tones.clone().reshape([-1, *side as i32, *side as i32, 3]);
             let count = images.dims()[0];
@@ -48,7 +49,11 @@ impl OnDevice<1> for MeanLoss {
                 - images.clone().slice([0..count, 0..*side, 0..side - 1, 0..3]);
             let down = images.clone().slice([0..count, 1..*side, 0..*side, 0..3])
                 - images.slice([0..count, 0..side - 1, 0..*side, 0..3]);
-            total = total + tones.abs().sum() * TONES + (across.abs().sum() + down.abs().sum()) * EDGES;
+            total = if self.loss == Loss::Preview {
+                total + tones.square().sum() * PREVIEWS + (across.square().sum() + down.square().sum()) * SLOPES
+            } else {
+                total + tones.abs().sum() * TONES + (across.abs().sum() + down.abs().sum()) * EDGES
+            };
         }
         total / self.count as f64
     }
@@ -59,6 +64,12 @@ fn tone(log: Tensor<1>) -> Tensor<1> {
     let size = log.clone().abs();
     let radiance = size.clone().clamp_max(BRIGHT).exp() - 1.0;
     log.sign() * ((radiance * DARK).log1p() + (size - BRIGHT).clamp_min(0.0))
+}
+
+/// Previews of logarithms.
+fn preview(log: Tensor<1>) -> Tensor<1> {
+    let radiance = log.clamp(0.0, BRIGHT).exp() - 1.0 + DIM;
+    (radiance.clone() / (radiance + 1.0)).sqrt()
 }
 
 #[cfg(test)]

@@ -56,6 +56,7 @@ fn outputs_and_gradients_are_pytorchs() {
         clock: Tensor::from_data(TensorData::new(made_up(CLOCK, 1002), [1, CLOCK]), &device),
         head: Some(Head {
             light: Arc::new(Pyramid::new(&image(3, 1003), SIDE, SIDE, SIDES)),
+            guides: None,
             answer: Answer {
                 albedo: Some(Arc::new(image(3, 1004))),
                 state: Arc::new(image(3, 1007)),

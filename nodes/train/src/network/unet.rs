@@ -32,6 +32,9 @@ pub enum Preset {
 /// Sides of the windows of weights, from full resolution down: at blocks of 1, 2, 4 and 8 pixels.
 pub(crate) const SIDES: &[usize] = &[5, 3, 3, 3];
 
+/// Guides of weights: albedo and normals.
+pub(super) const GUIDES: usize = 2;
+
 /// The same with blocks of 16 pixels.
 const LARGER_SIDES: &[usize] = &[5, 3, 3, 3, 3];
 
@@ -124,6 +127,7 @@ pub(crate) struct Unet {
     last: Layer,
     head: Layer,
     shade: Option<Layer>,
+    guide: Option<Layer>,
     normalise: bool,
     multiple: usize,
 }
@@ -174,11 +178,14 @@ impl Unet {
         let last = build.modulation("last", plan.widths[0]);
         // Every place weighs the same at first, or nothing is predicted.
         let head = build.conv("head", plan.widths[0], 4 * output.numbers(plan.sides), Start::Zero);
-        let shaded = output == Output::ShadedMeans;
+        let shaded = matches!(output, Output::ShadedMeans | Output::GuidedMeans);
         let shade = shaded.then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
+        let guided = output == Output::GuidedMeans;
+        let strengths = 4 * GUIDES * plan.sides.len();
+        let guide = guided.then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
         let multiple = (2 << down.len()).max(1 << (plan.sides.len() - 1));
         let normalise = plan.normalise;
-        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade, normalise, multiple }
+        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade, guide, normalise, multiple }
     }
 
     /// Its weights.
@@ -228,9 +235,10 @@ impl Unet {
         }
         let x = run.activated(x, self.last, &time);
         let shades = self.shade.map(|shade| unfold(run.conv(shade, x.clone())));
+        let strengths = self.guide.map(|guide| unfold(run.conv(guide, x.clone())));
         let numbers = unfold(run.conv(self.head, x));
         match inputs.head {
-            Some(head) => head.expand(numbers, shades),
+            Some(head) => head.expand(numbers, shades, strengths),
             None => numbers,
         }
     }

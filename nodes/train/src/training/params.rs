@@ -186,11 +186,18 @@ impl TrainingParams {
                 "leave it at 0, or use `mc_noise`",
             ));
         }
-        if self.loss == Loss::Tonal && (self.parameterization, self.space) != (Parameterization::McNoise, Space::Log1p)
-        {
+        if self.output == Output::GuidedMeans && self.conditioning != Conditioning::Gbuffer {
+            problems.push(ParamProblem::new(
+                "/output",
+                "`guided_means` compares the G-buffers of pixels",
+                "use `conditioning: gbuffer`, or `output: shaded_means`",
+            ));
+        }
+        if self.loss.of_images() && (self.parameterization, self.space) != (Parameterization::McNoise, Space::Log1p) {
             problems.push(ParamProblem::new(
                 "/loss",
-                "`tonal` compares clean images in logarithms, which only `mc_noise` with `space: log1p` predicts",
+                "`tonal` and `preview` compare clean images in logarithms, which only `mc_noise` with `space: log1p` \
+                predicts",
                 "use `absolute`, or `mc_noise` and `log1p`",
             ));
         }

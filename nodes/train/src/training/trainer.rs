@@ -113,7 +113,7 @@ impl Trainer {
 
     fn loss(&self, batch: &Batch, weights: &[Tensor<2>], device: &Device, count: usize) -> Tensor<1> {
         let inputs = self.encoding.inputs(device, &batch.samples(), batch.side, batch.side);
-        let shown = (self.loss == Loss::Tonal).then(|| batch.shown());
+        let shown = self.loss.of_images().then(|| batch.shown());
         mean_loss(self.network.forward(weights, inputs), (batch.targets.clone(), shown), count, self.loss)
     }
 }

@@ -9,7 +9,10 @@ use burn::tensor::{
     module::conv2d,
     ops::ConvOptions,
 };
-use tauflow_ops::{Conv3, Fold, GROUP, Linear, NormSilu, Operator, Silu, WeightedMean};
+use std::sync::Arc;
+use tauflow_ops::{
+    Blocks, Conv3, FARTHEST, Fold, GROUP, Guided, Linear, NormSilu, Operator, Pyramid, SHARPNESS, Silu, WeightedMean,
+};
 
 /// Added to variances, as in `tauflow-ops`.
 const EPSILON: f64 = 1e-5;
@@ -90,25 +93,55 @@ impl OnDevice<1> for Fold {
     }
 }
 
+/// What lies around each pixel at a level, [N, H, W, 3, places].
+fn around(pyramid: &Pyramid, level: &Blocks<'_>, device: &Device) -> Tensor<5> {
+    let (images, height, width) = pyramid.size();
+    let (block, side) = (1usize << level.scale, level.side);
+    let (rows, columns, places) = (height / block, width / block, side * side);
+    let pixels = constant(level.pixels, [images, rows + side - 1, columns + side - 1, 4], device);
+    let moved = |at: usize| {
+        let (y, x) = (at / side, at % side);
+        pixels.clone().slice([0..images, y..y + rows, x..x + columns, 0..3])
+    };
+    let window: Tensor<5> = Tensor::stack((0..places).map(moved).collect(), 4);
+    let small = window.reshape([images, rows, 1, columns, 1, 3 * places]);
+    let large = small.expand([images, rows, block, columns, block, 3 * places]);
+    large.reshape([images, height, width, 3, places])
+}
+
+impl OnDevice<2> for Guided {
+    fn by_tensors(&self, [numbers, strengths]: [Tensor<1>; 2]) -> Tensor<1> {
+        let device = numbers.device();
+        let first = &self.0[0];
+        let (images, height, width) = first.size();
+        let strengths: Tensor<4> = strengths.reshape([images, height, width, self.strengths()]);
+        let levels = (0..first.levels().count()).map(|at| {
+            let of = |(guide, pyramid): (usize, &Arc<Pyramid>)| {
+                let levels: Vec<Blocks<'_>> = pyramid.levels().collect();
+                let places = levels[0].side * levels[0].side;
+                let own = around(pyramid, &levels[0], &device).slice_dim(4, places / 2..places / 2 + 1);
+                let distances = (around(pyramid, &levels[at], &device) - own)
+                    .square()
+                    .sum_dim(3)
+                    .clamp_max(FARTHEST)
+                    .squeeze_dim::<4>(3);
+                let strength = at * self.0.len() + guide;
+                distances * strengths.clone().slice_dim(3, strength..strength + 1)
+            };
+            let all = self.0.iter().enumerate().map(of).reduce(|sum, more| sum + more);
+            all.expect("at least one guide")
+        });
+        let lowered = Tensor::cat(levels.collect(), 3) * SHARPNESS;
+        numbers - flat(lowered)
+    }
+}
+
 impl OnDevice<1> for WeightedMean {
     fn by_tensors(&self, [logits]: [Tensor<1>; 1]) -> Tensor<1> {
         let (images, height, width) = self.0.size();
         let device = logits.device();
         // [N, H, W, 3, weights]: what each weight is for.
-        let levels = self.0.levels().map(|level| {
-            let (block, side) = (1usize << level.scale, level.side);
-            let (rows, columns, places) = (height / block, width / block, side * side);
-            let pixels = constant(level.pixels, [images, rows + side - 1, columns + side - 1, 4], &device);
-            let moved = |at: usize| {
-                let (y, x) = (at / side, at % side);
-                pixels.clone().slice([0..images, y..y + rows, x..x + columns, 0..3])
-            };
-            let window: Tensor<5> = Tensor::stack((0..places).map(moved).collect(), 4);
-            let small = window.reshape([images, rows, 1, columns, 1, 3 * places]);
-            let large = small.expand([images, rows, block, columns, block, 3 * places]);
-            large.reshape([images, height, width, 3, places])
-        });
-        let around = Tensor::cat(levels.collect(), 4);
+        let around = Tensor::cat(self.0.levels().map(|level| around(&self.0, &level, &device)).collect(), 4);
         let weights = softmax(logits.reshape([images, height, width, 1, self.0.weights()]), 4);
         flat((around * weights).sum_dim(4))
     }

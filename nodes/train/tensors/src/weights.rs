@@ -66,6 +66,18 @@ impl Slots {
         Weights(values.collect())
     }
 
+    /// The weights of another network for this one, by name; what the other lacks starts as in [`Slots::draw`].
+    pub fn adopt(&self, other: &Self, weights: &Weights, seed: u64) -> Weights {
+        let mut out = self.draw(seed);
+        for (slot, values) in self.0.iter().zip(&mut out.0) {
+            let same = other.0.iter().position(|own| own.name == slot.name && own.shape == slot.shape);
+            if let Some(found) = same.and_then(|at| weights.0.get(at)) {
+                values.clone_from(found);
+            }
+        }
+        out
+    }
+
     /// Adds weights to a tensor file under `prefix`.
     pub fn write(&self, mut file: TensorFile, prefix: &str, weights: &Weights) -> TensorFile {
         for (slot, values) in self.0.iter().zip(&weights.0) {

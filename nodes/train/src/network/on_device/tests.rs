@@ -17,7 +17,7 @@ use std::sync::Arc;
 #[cfg(feature = "gpu")]
 use tauflow_data::methods::Parameterization;
 use tauflow_data::rng::Stream;
-use tauflow_ops::{Conv3, Fold, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
+use tauflow_ops::{Conv3, Fold, Guided, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);
@@ -82,6 +82,11 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     let light = Arc::new(Pyramid::new(&numbers(1, 2 * height * width * 3), height, width, SIDES));
     let logits = numbers(2, 2 * height * width * light.weights()).iter().map(|v| 4.0 * v).collect();
     all.push(("WeightedMean".into(), difference(WeightedMean(light), [logits], device)));
+    let guide = |salt| Arc::new(Pyramid::new(&numbers(salt, 2 * height * width * 3), height, width, SIDES));
+    let guided = Guided(vec![guide(11), guide(12)]);
+    let (weights, strengths) = (guide(1).weights(), guided.strengths());
+    let inputs = [weights, strengths].map(|each| numbers(13, 2 * height * width * each));
+    all.push(("Guided".into(), difference(guided, inputs, device)));
     let size = 2 * 4 * 4 * 3;
     for (albedo, log) in [(None, false), (Some(Arc::new(numbers(5, size))), true)] {
         let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
@@ -89,8 +94,8 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     }
     let shades = numbers(2, 300).iter().map(|v| 100.0 * v * v * v).collect();
     all.push(("Shade".into(), difference(Shade, [numbers(1, 300), shades], device)));
-    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal] {
-        let shown = (loss == Loss::Tonal).then(|| Shown { state: Arc::new(numbers(10, 2 * 8 * 8 * 3)), side: 8 });
+    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal, Loss::Preview] {
+        let shown = loss.of_images().then(|| Shown { state: Arc::new(numbers(10, 2 * 8 * 8 * 3)), side: 8 });
         let loss = MeanLoss { target: Arc::new(numbers(8, 2 * 8 * 8 * 3)), count: 900, loss, shown };
         all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 2 * 8 * 8 * 3)], device)));
     }
