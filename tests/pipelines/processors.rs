@@ -27,8 +27,8 @@ const MORE: &str = r"
       batch: 2
       crop: 16
       space: log1p
-      loss: absolute
-      output: shaded_means
+      loss: preview
+      output: guided_means
       rung_exponent: 0.5
   viewed:
     kind: refinement

@@ -79,6 +79,10 @@ impl ModelInfo {
     }
 
     pub(crate) fn encoding(&self) -> Result<Encoding, KindError> {
+        if self.output == Output::GuidedMeans && self.conditioning != Conditioning::Gbuffer {
+            let told = "the model has `output: guided_means` without G-buffers, which no training makes; it is damaged";
+            return Err(KindError::Input(told.into()));
+        }
         Ok(Encoding {
             factors: self.factors(self.law)?,
             space: self.space,
@@ -182,7 +186,8 @@ impl Model {
             ]
         };
         match own(&self.info).into_iter().zip(own(like)).find(|(start, wanted)| start != wanted) {
-            None => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights, 0)),
+            None if guided => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights)),
+            None => Ok(self.weights),
             Some(((param, start), (_, wanted))) => Err(KindError::Input(format!(
                 "the model on input `start` has `{param}: {start}`, but this training has `{param}: {wanted}`; give \
                 both the same `{param}`"

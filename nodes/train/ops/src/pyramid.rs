@@ -296,10 +296,16 @@ impl Guided {
         (numbers, strengths): (&[f32], &[f32]),
         f: impl Fn((usize, usize, usize), &mut [f32], &[f32], &[f32]) + Sync,
     ) {
-        let Pyramid { height, width, .. } = *self.0[0];
-        let (count, each) = (self.0[0].weights(), self.strengths());
-        assert!(self.0[0].levels.iter().all(|level| level.side * level.side <= LARGEST), "windows of up to {LARGEST}");
-        assert_eq!(numbers.len() / count, strengths.len() / each, "strengths for each pixel");
+        let Pyramid { images, height, width, .. } = *self.0[0];
+        let (pixels, count, each) = (images * height * width, self.0[0].weights(), self.strengths());
+        let sides = |pyramid: &Pyramid| pyramid.levels.iter().map(|level| level.side).collect::<Vec<_>>();
+        let windows = sides(&self.0[0]);
+        assert!(windows.iter().all(|side| side * side <= LARGEST), "windows of up to {LARGEST}: {windows:?}");
+        let same = |guide: &Arc<Pyramid>| guide.size() == (images, height, width) && sides(guide) == windows;
+        assert!(self.0.iter().all(same), "guides of one size, with the same windows");
+        assert_eq!(numbers.len(), pixels * count, "a number for each place of the windows");
+        assert_eq!(strengths.len(), pixels * each, "strengths for each pixel");
+        assert_eq!(out.len(), pixels * channels, "an output for each pixel");
         let rows = out.par_chunks_exact_mut(width * channels);
         let rows = rows.zip(numbers.par_chunks_exact(width * count)).zip(strengths.par_chunks_exact(width * each));
         rows.enumerate().with_min_len(PIXELS.div_ceil(width)).for_each(|(row, ((out, numbers), strengths))| {

@@ -21,7 +21,7 @@ pub enum Output {
     /// The same, and a factor between 1/4 and 4 for each colour of the mean: light falls on a pixel otherwise than
     /// around it.
     ShadedMeans,
-    /// The same, and weights that fall with how much albedo and normals differ from the pixel's own, as fast as the
+    /// The same, and weights that change with how much albedo and normals differ from the pixel's own, as fast as the
     /// network says. Needs G-buffers.
     GuidedMeans,
     /// Predictions, with nothing known put in: for studies of what the law is worth.
@@ -83,6 +83,7 @@ impl Head {
     ) -> Tensor<4> {
         let [images, height, width, channels] = numbers.dims();
         assert_eq!(channels, self.light.weights(), "a number for each place of the windows");
+        assert_eq!(self.guides.is_some(), strengths.is_some(), "strengths of guides");
         if let Some((guides, strengths)) = self.guides.zip(strengths) {
             numbers = apply(guides, [numbers.into(), strengths.into()], [images, height, width, channels]);
         }

@@ -32,11 +32,11 @@ pub enum Preset {
 /// Sides of the windows of weights, from full resolution down: at blocks of 1, 2, 4 and 8 pixels.
 pub(crate) const SIDES: &[usize] = &[5, 3, 3, 3];
 
-/// Guides of weights: albedo and normals.
-pub(super) const GUIDES: usize = 2;
-
 /// The same with blocks of 16 pixels.
 const LARGER_SIDES: &[usize] = &[5, 3, 3, 3, 3];
+
+/// Guides of weights: albedo and normals.
+const GUIDES: usize = 2;
 
 impl Preset {
     /// All of them.

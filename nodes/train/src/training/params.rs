@@ -271,5 +271,11 @@ mod tests {
         assert!(of(Parameterization::McNoise).is_empty());
         assert_eq!(of(Parameterization::LocalVelocity)[0].pointer, "/loss");
         assert_eq!(TrainingParams { space: Space::Linear, ..tonal.clone() }.problems()[0].pointer, "/loss");
+        let shown = TrainingParams { loss: Loss::Preview, ..tonal };
+        assert!(shown.problems().is_empty());
+        assert_eq!(TrainingParams { space: Space::Linear, ..shown }.problems()[0].pointer, "/loss");
+        let guided = TrainingParams { output: Output::GuidedMeans, ..TrainingParams::default() };
+        assert_eq!(guided.problems()[0].pointer, "/output");
+        assert!(TrainingParams { conditioning: Conditioning::Gbuffer, ..guided }.problems().is_empty());
     }
 }

@@ -118,9 +118,12 @@ impl OnDevice<2> for Guided {
         let levels = (0..first.levels().count()).map(|at| {
             let of = |(guide, pyramid): (usize, &Arc<Pyramid>)| {
                 let levels: Vec<Blocks<'_>> = pyramid.levels().collect();
-                let places = levels[0].side * levels[0].side;
-                let own = around(pyramid, &levels[0], &device).slice_dim(4, places / 2..places / 2 + 1);
-                let distances = (around(pyramid, &levels[at], &device) - own)
+                let side = levels[0].side;
+                let padded = [images, height + side - 1, width + side - 1, 4];
+                let own = constant(levels[0].pixels, padded, &device);
+                let middle = |size: usize| side / 2..side / 2 + size;
+                let own = own.slice([0..images, middle(height), middle(width), 0..3]);
+                let distances = (around(pyramid, &levels[at], &device) - own.unsqueeze_dim::<5>(4))
                     .square()
                     .sum_dim(3)
                     .clamp_max(FARTHEST)

@@ -66,16 +66,24 @@ impl Slots {
         Weights(values.collect())
     }
 
-    /// The weights of another network for this one, by name; what the other lacks starts as in [`Slots::draw`].
-    pub fn adopt(&self, other: &Self, weights: &Weights, seed: u64) -> Weights {
-        let mut out = self.draw(seed);
-        for (slot, values) in self.0.iter().zip(&mut out.0) {
+    /// The weights of another network for this one, by name. What the other lacks must start as zeros.
+    ///
+    /// # Panics
+    /// If it lacks a matrix that does not, or has one that this network does not use.
+    pub fn adopt(&self, other: &Self, weights: &Weights) -> Weights {
+        let mut adopted = 0;
+        let matrices = self.0.iter().map(|slot| {
             let same = other.0.iter().position(|own| own.name == slot.name && own.shape == slot.shape);
-            if let Some(found) = same.and_then(|at| weights.0.get(at)) {
-                values.clone_from(found);
-            }
-        }
-        out
+            let Some(at) = same else {
+                assert_eq!(slot.start, Start::Zero, "`{}` is new", slot.name);
+                return vec![0.0; slot.shape[0] * slot.shape[1]];
+            };
+            adopted += 1;
+            weights.0[at].clone()
+        });
+        let matrices = matrices.collect();
+        assert_eq!(adopted, other.0.len(), "each matrix has its place");
+        Weights(matrices)
     }
 
     /// Adds weights to a tensor file under `prefix`.

@@ -124,14 +124,14 @@ fn operators_on_a_device_are_those_over_slices() {
 
 /// The output of a network for a fixed batch, and the gradients of a loss.
 #[cfg(feature = "gpu")]
-fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
+fn of_network(preset: Preset, output: Output, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
     const SIDE: usize = 16;
     let encoding = Encoding {
         factors: Factors::new(Parameterization::McVelocity, &[1, 4, 16], Law::Covariances).expect("a ladder"),
         space: Space::Linear,
         gbuffer,
         features: Features::Contrast,
-        output: Output::Means,
+        output,
         preset,
     };
     let network = encoding.network();
@@ -139,7 +139,7 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
     // Nothing may be zero, or its gradient and those behind it would be.
     for (i, matrix) in weights.0.iter_mut().enumerate() {
         if matrix.iter().all(|v| *v == 0.0) {
-            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| 0.05 * v).collect();
+            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| 0.005 * v).collect();
         }
     }
     let device = device.clone().autodiff();
@@ -161,12 +161,15 @@ fn of_network(preset: Preset, gbuffer: bool, device: &Device) -> Vec<Vec<f32>> {
 fn networks_on_a_device_are_those_on_the_cpu() {
     let Some(place) = crate::device::vulkan::for_tests() else { return };
     for preset in Preset::ALL {
-        for gbuffer in [false, true] {
-            let (found, expected) =
-                (of_network(preset, gbuffer, place.device()), of_network(preset, gbuffer, &Device::flex()));
+        for (output, gbuffer) in [(Output::Means, false), (Output::Means, true), (Output::GuidedMeans, true)] {
+            let of = |device| of_network(preset, output, gbuffer, device);
+            let (found, expected) = (of(place.device()), of(&Device::flex()));
             let apart: Vec<f64> = found.iter().zip(&expected).map(|(found, expected)| apart(found, expected)).collect();
             let gradients = apart[1..].iter().fold(0.0f64, |most, apart| most.max(*apart));
-            println!("{preset:?}, G-buffers {gbuffer}: outputs {:.1e}, gradients {gradients:.1e}", apart[0]);
+            println!(
+                "{preset:?}, {output:?}, G-buffers {gbuffer}: outputs {:.1e}, gradients {gradients:.1e}",
+                apart[0]
+            );
             assert!(apart[0] < 1e-3 && gradients < 1e-3);
         }
     }
