@@ -5,6 +5,9 @@ use crate::support::root;
 use std::{fs, path::Path, process::Command};
 use tauflow_testing::{Need, skip, slow};
 
+/// The targets of the pipeline: the bundled models.
+const MODELS: [&str; 4] = ["fast_gbuffer", "fast_rgb", "best_gbuffer", "best_rgb"];
+
 fn tauflow(folder: &Path, args: &[&str]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_tauflow"));
     let output = command.args(args).current_dir(folder).output().expect("it starts");
@@ -25,7 +28,7 @@ fn models_have_the_same_bits_each_time() {
         let run = ["run", "denoiser.yaml", "--profile", "tiny", lock, "--jobs", jobs, "--cache", jobs];
         let text = tauflow(folder.path(), &run);
         assert!(lock != "--locked" || text.contains(".lock agrees"), "{text}");
-        for node in ["fast_model", "best_model"] {
+        for node in MODELS {
             let out = format!("{jobs}-{node}");
             tauflow(
                 folder.path(),
@@ -33,14 +36,12 @@ fn models_have_the_same_bits_each_time() {
             );
         }
     }
-    for (node, preset) in [("fast_model", "fast"), ("best_model", "best")] {
-        for conditioning in ["gbuffer", "rgb"] {
-            let model = |jobs: &str| {
-                let cell = format!("preset={preset}+conditioning={conditioning}/model/model.safetensors");
-                fs::read(folder.path().join(format!("{jobs}-{node}")).join(cell)).expect("exported")
-            };
-            assert!(model("1") == model("2") && model("1").len() < 4 << 20, "{preset} {conditioning}");
-        }
+    for node in MODELS {
+        let model = |jobs: &str| {
+            let folder = folder.path().join(format!("{jobs}-{node}"));
+            fs::read(folder.join("model/model.safetensors")).expect("exported")
+        };
+        assert!(model("1") == model("2") && model("1").len() < 4 << 20, "{node}");
     }
 }
 

@@ -359,5 +359,8 @@ mod tests {
             let untold = read.predict(&state, Some(&Image::new(8, 8, 6)), None).expect_err("it did not learn that");
             assert!(untold.to_string().contains("unknown_counts"), "{untold}");
         }
+        let blind = ModelInfo { conditioning: Conditioning::Rgb, ..info(Output::GuidedMeans) };
+        let told = blind.encoding().err().expect("no G-buffers to guide").to_string();
+        assert!(told.contains("guided_means"), "{told}");
     }
 }
