@@ -360,7 +360,7 @@ mod tests {
             assert!(untold.to_string().contains("unknown_counts"), "{untold}");
         }
         let blind = ModelInfo { conditioning: Conditioning::Rgb, ..info(Output::GuidedMeans) };
-        let told = blind.encoding().err().expect("no G-buffers to guide").to_string();
+        let told = blind.encoding().expect_err("no G-buffers to guide").to_string();
         assert!(told.contains("guided_means"), "{told}");
     }
 }
