@@ -93,7 +93,7 @@ impl OnDevice<1> for Fold {
     }
 }
 
-/// What lies around each pixel at a level, [N, H, W, 3, places].
+/// The pixels or blocks of a level around each pixel, [N, H, W, 3, places].
 fn around(pyramid: &Pyramid, level: &Blocks<'_>, device: &Device) -> Tensor<5> {
     let (images, height, width) = pyramid.size();
     let (block, side) = (1usize << level.scale, level.side);

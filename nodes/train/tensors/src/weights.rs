@@ -66,7 +66,7 @@ impl Slots {
         Weights(values.collect())
     }
 
-    /// The weights of another network for this one, by name. What the other lacks must start as zeros.
+    /// The weights of another network for this one, by name. Matrices that the other lacks start as zeros.
     ///
     /// # Panics
     /// If it lacks a matrix that does not, or has one that this network does not use.

@@ -139,7 +139,8 @@ fn of_network(preset: Preset, output: Output, gbuffer: bool, device: &Device) ->
     // Nothing may be zero, or its gradient and those behind it would be.
     for (i, matrix) in weights.0.iter_mut().enumerate() {
         if matrix.iter().all(|v| *v == 0.0) {
-            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| 0.005 * v).collect();
+            let scale = if network.slots().shapes()[i].0.starts_with("guide") { 0.005 } else { 0.05 };
+            *matrix = numbers(100 + i as u64, matrix.len()).iter().map(|v| scale * v).collect();
         }
     }
     let device = device.clone().autodiff();
