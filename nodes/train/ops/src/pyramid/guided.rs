@@ -8,8 +8,8 @@ use std::sync::Arc;
 /// Places of the largest window of a guide.
 const LARGEST: usize = 25;
 
-/// Subtracts from the number of each place the squared distance between the guide's three values there and at the pixel,
-/// at most [`FARTHEST`], times [`SHARPNESS`] and a strength. Each pixel has a strength for each level and guide.
+/// Subtracts from the number of each place the squared distance between the guide's three values there and those of the
+/// pixel, at most [`FARTHEST`], times [`SHARPNESS`] and a strength. Each pixel has a strength for each level and guide.
 ///
 /// The inputs are the numbers [N, H, W, [`Pyramid::weights`]] and the strengths [N, H, W, levels, guides]. All guides
 /// have the size and the windows of the image that is averaged.
