@@ -16,10 +16,14 @@ PLANS = {
 # Presets whose output at a pixel depends only on its surroundings.
 LOCAL = ("fast", "best")
 # Outputs with a shading factor.
-SHADED = ("shaded_means", "guided_means")
+SHADED = ("shaded_means", "guided_means", "smoothed_means")
+# Outputs whose weights G-buffers guide.
+GUIDED = ("guided_means", "smoothed_means")
 CHANNELS, CLOCK = 15, 14
 BLACK, BARE, FLOOR, STEEPEST = 0.02, 0.25, 0.05, 16.0
 SHARPNESS, FARTHEST = 16.0, 8.0
+# Albedo is smoothed over windows of this side; this is added to the number of the pixel itself.
+SMOOTHED, ITSELF = 5, 6.0
 
 
 def sides(preset):
@@ -88,8 +92,10 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             self.last = Step(widths[0], 4 * numbers)
             if output in SHADED:
                 self.shade = nn.Conv2d(widths[0], 4 * 3, 3, padding=1)
-            if output == "guided_means":
+            if output in GUIDED:
                 self.guide = nn.Conv2d(widths[0], 4 * strengths_of(preset), 3, padding=1)
+            if output == "smoothed_means":
+                self.smooth = nn.Conv2d(widths[0], 4 * SMOOTHED**2, 3, padding=1)
 
         def forward(self, x, clock, bases, albedo, state, gain, distances=None):
             time = self.time(clock)
@@ -110,7 +116,7 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             answer = F.pixel_shuffle(self.last.conv(x), 2)
             if output == "values":
                 return answer
-            if output == "guided_means":
+            if output in GUIDED:
                 answer = answer - guided(distances, F.pixel_shuffle(self.guide(x), 2), sides(preset))
             # One product of matrices (einsum) for it takes two to three times as long.
             shares = answer.softmax(1)
@@ -118,6 +124,8 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             if output in SHADED:
                 power = F.pixel_shuffle(self.shade(x), 2).exp()
                 mean = mean * (1 + 4 * power) / (4 + power)
+            if output == "smoothed_means":
+                albedo = smoothed(albedo, F.pixel_shuffle(self.smooth(x), 2))
             mean = albedo * mean
             return gain * ((mean.sign() * mean.abs().log1p() if log else mean) - state)
 
@@ -147,6 +155,14 @@ def guided(distances, strengths, sides):
     each = strengths.unflatten(1, (len(sides), 2)).transpose(1, 2)
     places = torch.tensor([side * side for side in sides], device=strengths.device)
     return SHARPNESS * (distances * each.repeat_interleave(places, 2)).sum(1)
+
+
+def smoothed(albedo, numbers):
+    """Weighted means of albedo [N, 3, H, W], for numbers [N, SMOOTHED^2, H, W]."""
+    own = torch.zeros(SMOOTHED**2, dtype=numbers.dtype, device=numbers.device)
+    own[SMOOTHED**2 // 2] = ITSELF
+    shares = (numbers + own[:, None, None]).softmax(1)
+    return (bases(albedo, (SMOOTHED,)) * shares[:, None]).sum(2)
 
 
 def channels(info):
@@ -180,8 +196,10 @@ def shapes(preset, channels, output="means"):
     found["head"] = (9 * widths[0], 4 * numbers_of(preset, output))
     if output in SHADED:
         found["shade"] = (9 * widths[0], 4 * 3)
-    if output == "guided_means":
+    if output in GUIDED:
         found["guide"] = (9 * widths[0], 4 * strengths_of(preset))
+    if output == "smoothed_means":
+        found["smooth"] = (9 * widths[0], 4 * SMOOTHED**2)
     return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
             for name, shape in found.items() for part in ("kernel", "bias")}
 
@@ -192,7 +210,7 @@ def place(name, levels):
     up = lambda i: levels - 1 - int(i)
     if first == "time":
         return f"time.{2 * int(rest[0])}"
-    if first in ("stem", "shade", "guide"):
+    if first in ("stem", "shade", "guide", "smooth"):
         return first
     if first == "head":
         return "last.conv"
@@ -216,11 +234,11 @@ def layout(name, kernel, bias):
     Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by channel.
     """
     outputs = kernel.shape[1]
-    if name in ("head", "shade", "guide") or name.endswith(".in"):
+    if name in ("head", "shade", "guide", "smooth") or name.endswith(".in"):
         turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
         kernel, bias = turn(kernel), turn(bias)
     steps = name.split(".")[-1].isdigit() and not name.startswith("time")
-    size = 3 if name in ("stem", "head", "shade", "guide") or steps else 1
+    size = 3 if name in ("stem", "head", "shade", "guide", "smooth") or steps else 1
     weight = kernel.reshape(size, size, -1, outputs)
     if name == "stem" or name.endswith(".out"):
         weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)
@@ -338,6 +356,6 @@ def predict(info, net, state, gbuffer, tau):
     shown, light, albedo = features(info, state, gbuffer)
     with torch.inference_mode():
         windows = sides(info["preset"])
-        apart = distances(gbuffer, windows) if info.get("output") == "guided_means" else None
+        apart = distances(gbuffer, windows) if info.get("output") in GUIDED else None
         found = net(shown, clock(info, tau), bases(light, windows), albedo, state, gain(info, tau), apart)
     return found[0, :, :height, :width].permute(1, 2, 0)

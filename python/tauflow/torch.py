@@ -147,7 +147,7 @@ def load(path: Union[str, os.PathLike[str]]) -> Solver:
         if unknown:
             told = f"{path}: the model has {unknown[0]}, which this version does not know; update `tauflow`"
             raise TauflowError(told)
-        if info.get("output") == "guided_means" and not _network.has_gbuffer(info):
+        if info.get("output") in _network.GUIDED and not _network.has_gbuffer(info):
             raise ValueError("guides without G-buffers")
         if not 0.05 <= _network.exponent(info) <= 2:
             raise ValueError("an exponent beyond those of ladders")

@@ -28,7 +28,7 @@ const MORE: &str = r"
       crop: 16
       space: log1p
       loss: preview
-      output: guided_means
+      output: smoothed_means
       rung_exponent: 0.5
   viewed:
     kind: refinement

@@ -79,9 +79,11 @@ impl ModelInfo {
     }
 
     pub(crate) fn encoding(&self) -> Result<Encoding, KindError> {
-        if self.output == Output::GuidedMeans && self.conditioning != Conditioning::Gbuffer {
-            let told = "the model has `output: guided_means` without G-buffers, which no training makes; it is damaged";
-            return Err(KindError::Input(told.into()));
+        if self.output.is_guided() && self.conditioning != Conditioning::Gbuffer {
+            let output = self.output.name();
+            return Err(KindError::Input(format!(
+                "the model has `output: {output}` without G-buffers, which no training makes; it is damaged"
+            )));
         }
         Ok(Encoding {
             factors: self.factors(self.law)?,
@@ -171,9 +173,14 @@ impl Model {
     pub(crate) fn into_weights_for(self, like: &ModelInfo) -> Result<Weights, KindError> {
         // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
         let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
-        // Guided means are shaded means until the guide is learned, which starts as zeros.
-        let guided = (self.info.output, like.output) == (Output::ShadedMeans, Output::GuidedMeans);
-        let output = |of: Output| if guided { like.output } else { of };
+        // Guided means are shaded means until the guide is learned, which starts as zeros. Smoothed means are nearly
+        // guided means until their weights of albedo are learned.
+        let more = match like.output {
+            Output::GuidedMeans => self.info.output == Output::ShadedMeans,
+            Output::SmoothedMeans => matches!(self.info.output, Output::ShadedMeans | Output::GuidedMeans),
+            _ => false,
+        };
+        let output = |of: Output| if more { like.output } else { of };
         let own = |info: &ModelInfo| {
             [
                 ("preset", info.preset.name().to_owned()),
@@ -186,7 +193,7 @@ impl Model {
             ]
         };
         match own(&self.info).into_iter().zip(own(like)).find(|(start, wanted)| start != wanted) {
-            None if guided => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights)),
+            None if more => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights)),
             None => Ok(self.weights),
             Some(((param, start), (_, wanted))) => Err(KindError::Input(format!(
                 "the model on input `start` has `{param}: {start}`, but this training has `{param}: {wanted}`; give \
@@ -341,7 +348,7 @@ mod tests {
             exponent: INDEPENDENT_EXPONENT,
             sampler: SamplerKind::Independent,
         };
-        for output in [Output::Means, Output::ShadedMeans, Output::GuidedMeans, Output::Values] {
+        for output in Output::ALL {
             let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);
             let model = Model::new(info(output), weights, &Place::cpu()).expect("fits");
             let bytes = model.to_bytes().expect("plain numbers");
@@ -359,8 +366,10 @@ mod tests {
             let untold = read.predict(&state, Some(&Image::new(8, 8, 6)), None).expect_err("it did not learn that");
             assert!(untold.to_string().contains("unknown_counts"), "{untold}");
         }
-        let blind = ModelInfo { conditioning: Conditioning::Rgb, ..info(Output::GuidedMeans) };
-        let told = blind.encoding().expect_err("no G-buffers to guide").to_string();
-        assert!(told.contains("guided_means"), "{told}");
+        for output in [Output::GuidedMeans, Output::SmoothedMeans] {
+            let blind = ModelInfo { conditioning: Conditioning::Rgb, ..info(output) };
+            let told = blind.encoding().expect_err("no G-buffers to guide").to_string();
+            assert!(told.contains(output.name()), "{told}");
+        }
     }
 }

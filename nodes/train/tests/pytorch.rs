@@ -79,8 +79,9 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     };
     let mut found = BTreeMap::new();
     let has = |layer: &str| match layer {
-        "shade" => ["shaded_means", "guided_means"].contains(&text("output")),
-        "guide" => text("output") == "guided_means",
+        "shade" => ["shaded_means", "guided_means", "smoothed_means"].contains(&text("output")),
+        "guide" => ["guided_means", "smoothed_means"].contains(&text("output")),
+        "smooth" => text("output") == "smoothed_means",
         _ => true,
     };
     for row in table("layer").iter().filter(|row| has(&row[0])) {
@@ -285,6 +286,11 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
         (
             "guided",
             json!({ "conditioning": "gbuffer", "output": "guided_means", "space": "log1p", "preset": "fast",
+                "parameterization": "mc_noise", "features": "covered", "loss": "preview" }),
+        ),
+        (
+            "smoothed",
+            json!({ "conditioning": "gbuffer", "output": "smoothed_means", "space": "log1p", "preset": "fast",
                 "parameterization": "mc_noise", "features": "covered", "loss": "preview" }),
         ),
         ("values", json!({ "output": "values", "parameterization": "vanilla_rf" })),

@@ -165,6 +165,17 @@ fn guided_means_begin_as_the_shaded_means_that_they_start_from() {
     assert!(file.get("guide.kernel").expect("a layer").data.iter().any(|weight| *weight != 0.0), "the guide learns");
     let back = from(&trained, &of(Output::ShadedMeans, 0)).expect_err("a guide has no place there");
     assert!(back.to_string().contains("`output: guided_means`"), "{back}");
+    // Albedo is that of the pixel but for a few hundredths until its weights are learned.
+    for start in [&shaded, &guided] {
+        let smoothed = from(start, &of(Output::SmoothedMeans, 0)).expect("no steps");
+        let [found, before] = [&smoothed, &shaded].map(last);
+        assert!(found != before && (found - before).abs() < 0.1 * before, "{found} {before}");
+    }
+    let trained = from(&trained, &of(Output::SmoothedMeans, 8)).expect("trains");
+    let file = TensorFile::from_bytes(&lab.bytes(&trained, "model")).expect("safetensors");
+    assert!(file.get("smooth.kernel").expect("a layer").data.iter().any(|weight| *weight != 0.0), "albedo is learned");
+    let back = from(&trained, &of(Output::GuidedMeans, 0)).expect_err("weights of albedo have no place there");
+    assert!(back.to_string().contains("`output: smoothed_means`"), "{back}");
 }
 
 #[test]

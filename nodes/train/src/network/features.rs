@@ -1,7 +1,7 @@
 //! The input features of the network, and the units of its output.
 
 use super::{
-    head::{Answer, Head, Output},
+    head::{Answer, Head, Output, SMOOTHED},
     unet::{Inputs, Preset, Unet},
 };
 use crate::{
@@ -167,10 +167,11 @@ impl Encoding {
             Arc::new(Pyramid::new(&values, height, width, self.preset.sides()))
         };
         let head = (self.output != Output::Values).then(|| Head {
-            guides: (self.output == Output::GuidedMeans).then(|| Guided(vec![guide(0), guide(3)])),
+            guides: self.output.is_guided().then(|| Guided(vec![guide(0), guide(3)])),
             light: Arc::new(Pyramid::new(&lights, height, width, self.preset.sides())),
+            albedo: self.output.is_smoothed().then(|| Arc::new(Pyramid::new(&albedos, height, width, &[SMOOTHED]))),
             answer: Answer {
-                albedo: self.gbuffer.then(|| Arc::new(albedos)),
+                albedo: (self.gbuffer && !self.output.is_smoothed()).then(|| Arc::new(albedos)),
                 state: Arc::new(samples.iter().flat_map(|sample| sample.state.iter().copied()).collect()),
                 gain: Arc::new(gains),
                 log: self.space == Space::Log1p,

@@ -220,10 +220,11 @@ fn gradients_of_the_loss_of_previews() {
 
 #[test]
 fn gradients_of_the_whole_network() {
-    for output in [Output::Means, Output::ShadedMeans, Output::GuidedMeans, Output::Values] {
+    for output in Output::ALL {
         gradients_of_the_network(output, Preset::Tiny, Some(0.3));
     }
     gradients_of_the_network(Output::ShadedMeans, Preset::Fast, Some(0.3));
+    gradients_of_the_network(Output::SmoothedMeans, Preset::Fast, Some(0.3));
 }
 
 fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {

@@ -3,9 +3,10 @@
 //! The numbers are weights: of what lies around each pixel of the state, divided by albedo where there is one, at
 //! several scales. The weighted mean, times the albedo, is the network's estimate of what more samples would give; the
 //! answer is that less the state, times what the law says of how far the target is from it. A firefly of a thousand
-//! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales.
+//! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales. Albedo
+//! of few samples is noisy at edges, so that the mean can be multiplied by a weighted mean of albedo instead.
 
-use burn::tensor::Tensor;
+use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_ops::{Guided, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
@@ -24,11 +25,19 @@ pub enum Output {
     /// The same, and weights that change with how much albedo and normals differ from the pixel's own, as fast as the
     /// network says. Needs G-buffers.
     GuidedMeans,
+    /// The same, and weights of the albedo around a pixel: the mean is multiplied by the weighted mean of albedo, as
+    /// that of the pixel itself is noisy. Needs G-buffers.
+    SmoothedMeans,
     /// Predictions, with nothing known put in: for studies of what the law is worth.
     Values,
 }
 
 impl Output {
+    /// All of them.
+    #[cfg(test)]
+    pub(crate) const ALL: [Self; 5] =
+        [Self::Means, Self::ShadedMeans, Self::GuidedMeans, Self::SmoothedMeans, Self::Values];
+
     /// The value of older files, which lack this field, independent of the current default.
     pub(crate) fn unsaid() -> Self {
         Self::Means
@@ -40,6 +49,7 @@ impl Output {
             Self::Means => "means",
             Self::ShadedMeans => "shaded_means",
             Self::GuidedMeans => "guided_means",
+            Self::SmoothedMeans => "smoothed_means",
             Self::Values => "values",
         }
     }
@@ -49,11 +59,26 @@ impl Output {
         *self == Self::unsaid()
     }
 
+    /// Whether the mean is multiplied by shades.
+    pub(crate) fn is_shaded(self) -> bool {
+        matches!(self, Self::ShadedMeans) || self.is_guided()
+    }
+
+    /// Whether G-buffers guide the weights, so that there must be some.
+    pub(crate) fn is_guided(self) -> bool {
+        matches!(self, Self::GuidedMeans | Self::SmoothedMeans)
+    }
+
+    /// Whether albedo is smoothed.
+    pub(crate) fn is_smoothed(self) -> bool {
+        matches!(self, Self::SmoothedMeans)
+    }
+
     /// Numbers of the last layer for a pixel, of windows of weights with these sides.
     pub(crate) fn numbers(self, sides: &[usize]) -> usize {
         match self {
-            Self::Means | Self::ShadedMeans | Self::GuidedMeans => sides.iter().map(|side| side * side).sum(),
             Self::Values => 3,
+            _ => sides.iter().map(|side| side * side).sum(),
         }
     }
 }
@@ -68,19 +93,32 @@ pub(crate) struct Head {
     pub(crate) light: Arc<Pyramid>,
     /// Albedo and normals at the same scales, if weights are guided.
     pub(crate) guides: Option<Guided>,
+    /// Albedo at full resolution, if it is smoothed; the answer then has none.
+    pub(crate) albedo: Option<Arc<Pyramid>>,
     /// The processing of the weighted mean.
     pub(crate) answer: Answer,
 }
 
+/// Side of the window in which albedo is smoothed.
+pub(crate) const SMOOTHED: usize = 5;
+
+/// Added to the number of the pixel itself where albedo is smoothed: at first it has nearly all of the weight.
+const ITSELF: f32 = 6.0;
+
+/// What the last layers give besides the numbers, if there are such layers.
+pub(crate) struct Heads {
+    /// [N, H, W, 3].
+    pub(crate) shades: Option<Tensor<4>>,
+    /// [N, H, W, strengths].
+    pub(crate) strengths: Option<Tensor<4>>,
+    /// [N, H, W, [`SMOOTHED`] squared].
+    pub(crate) smooths: Option<Tensor<4>>,
+}
+
 impl Head {
-    /// The prediction [N, H, W, 3] of numbers [N, H, W, weights], and of shades [N, H, W, 3] and strengths of guides
-    /// [N, H, W, strengths] if there are any.
-    pub(crate) fn expand(
-        self,
-        mut numbers: Tensor<4>,
-        shades: Option<Tensor<4>>,
-        strengths: Option<Tensor<4>>,
-    ) -> Tensor<4> {
+    /// The prediction [N, H, W, 3] of numbers [N, H, W, weights].
+    pub(crate) fn expand(self, mut numbers: Tensor<4>, heads: Heads) -> Tensor<4> {
+        let Heads { shades, strengths, smooths } = heads;
         let [images, height, width, channels] = numbers.dims();
         assert_eq!(channels, self.light.weights(), "a number for each place of the windows");
         assert_eq!(self.guides.is_some(), strengths.is_some(), "strengths of guides");
@@ -91,6 +129,14 @@ impl Head {
         let mut mean = apply(WeightedMean(self.light), [numbers.into()], shape);
         if let Some(shades) = shades {
             mean = apply(Shade, [mean.into(), shades.into()], shape);
+        }
+        assert_eq!(self.albedo.is_some(), smooths.is_some(), "weights of albedo");
+        if let Some((albedo, smooths)) = self.albedo.zip(smooths) {
+            let places = SMOOTHED * SMOOTHED;
+            let mut own = vec![0.0; places];
+            own[places / 2] = ITSELF;
+            let own = Tensor::from_data(TensorData::new(own, [1, 1, 1, places]), &smooths.device());
+            mean = mean * apply(WeightedMean(albedo), [(smooths + own).into()], shape);
         }
         apply(self.answer, [mean.into()], shape)
     }

@@ -57,6 +57,7 @@ fn outputs_and_gradients_are_pytorchs() {
         head: Some(Head {
             light: Arc::new(Pyramid::new(&image(3, 1003), SIDE, SIDE, SIDES)),
             guides: None,
+            albedo: None,
             answer: Answer {
                 albedo: Some(Arc::new(image(3, 1004))),
                 state: Arc::new(image(3, 1007)),

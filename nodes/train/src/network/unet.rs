@@ -3,7 +3,7 @@
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
 //! cheaper than at full resolution; the last layer unfolds again.
 
-use super::head::{Head, Output};
+use super::head::{Head, Heads, Output, SMOOTHED};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -128,6 +128,7 @@ pub(crate) struct Unet {
     head: Layer,
     shade: Option<Layer>,
     guide: Option<Layer>,
+    smooth: Option<Layer>,
     normalise: bool,
     multiple: usize,
 }
@@ -178,14 +179,14 @@ impl Unet {
         let last = build.modulation("last", plan.widths[0]);
         // Every place weighs the same at first, or nothing is predicted.
         let head = build.conv("head", plan.widths[0], 4 * output.numbers(plan.sides), Start::Zero);
-        let shaded = matches!(output, Output::ShadedMeans | Output::GuidedMeans);
-        let shade = shaded.then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
-        let guided = output == Output::GuidedMeans;
+        let shade = output.is_shaded().then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
         let strengths = 4 * GUIDES * plan.sides.len();
-        let guide = guided.then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
+        let guide = output.is_guided().then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
+        let places = 4 * SMOOTHED * SMOOTHED;
+        let smooth = output.is_smoothed().then(|| build.conv("smooth", plan.widths[0], places, Start::Zero));
         let multiple = (2 << down.len()).max(1 << (plan.sides.len() - 1));
         let normalise = plan.normalise;
-        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade, guide, normalise, multiple }
+        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade, guide, smooth, normalise, multiple }
     }
 
     /// Its weights.
@@ -236,9 +237,10 @@ impl Unet {
         let x = run.activated(x, self.last, &time);
         let shades = self.shade.map(|shade| unfold(run.conv(shade, x.clone())));
         let strengths = self.guide.map(|guide| unfold(run.conv(guide, x.clone())));
+        let smooths = self.smooth.map(|smooth| unfold(run.conv(smooth, x.clone())));
         let numbers = unfold(run.conv(self.head, x));
         match inputs.head {
-            Some(head) => head.expand(numbers, shades, strengths),
+            Some(head) => head.expand(numbers, Heads { shades, strengths, smooths }),
             None => numbers,
         }
     }

@@ -186,10 +186,10 @@ impl TrainingParams {
                 "leave it at 0, or use `mc_noise`",
             ));
         }
-        if self.output == Output::GuidedMeans && self.conditioning != Conditioning::Gbuffer {
+        if self.output.is_guided() && self.conditioning != Conditioning::Gbuffer {
             problems.push(ParamProblem::new(
                 "/output",
-                "`guided_means` compares the G-buffers of pixels",
+                "`guided_means` and `smoothed_means` need G-buffers",
                 "use `conditioning: gbuffer`, or `output: shaded_means`",
             ));
         }
@@ -274,8 +274,10 @@ mod tests {
         let shown = TrainingParams { loss: Loss::Preview, ..tonal };
         assert!(shown.problems().is_empty());
         assert_eq!(TrainingParams { space: Space::Linear, ..shown }.problems()[0].pointer, "/loss");
-        let guided = TrainingParams { output: Output::GuidedMeans, ..TrainingParams::default() };
-        assert_eq!(guided.problems()[0].pointer, "/output");
-        assert!(TrainingParams { conditioning: Conditioning::Gbuffer, ..guided }.problems().is_empty());
+        for output in [Output::GuidedMeans, Output::SmoothedMeans] {
+            let guided = TrainingParams { output, ..TrainingParams::default() };
+            assert_eq!(guided.problems()[0].pointer, "/output");
+            assert!(TrainingParams { conditioning: Conditioning::Gbuffer, ..guided }.problems().is_empty());
+        }
     }
 }

@@ -162,7 +162,7 @@ fn of_network(preset: Preset, output: Output, gbuffer: bool, device: &Device) ->
 fn networks_on_a_device_are_those_on_the_cpu() {
     let Some(place) = crate::device::vulkan::for_tests() else { return };
     for preset in Preset::ALL {
-        for (output, gbuffer) in [(Output::Means, false), (Output::Means, true), (Output::GuidedMeans, true)] {
+        for (output, gbuffer) in [(Output::Means, false), (Output::Means, true), (Output::SmoothedMeans, true)] {
             let of = |device| of_network(preset, output, gbuffer, device);
             let (found, expected) = (of(place.device()), of(&Device::flex()));
             let apart: Vec<f64> = found.iter().zip(&expected).map(|(found, expected)| apart(found, expected)).collect();
