@@ -7,7 +7,7 @@ use std::sync::Once;
 /// Its number among mimalloc's options, in all of its versions so far; the test reads it back.
 const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
 
-/// Milliseconds that freed memory stays with the process. A prediction of a large network takes seconds, and frees
+/// Milliseconds that freed memory stays with the process. A prediction of a network takes about a second, and frees
 /// large tensors all along: after mimalloc's one second the kernel would take them, and clear the next ones.
 const KEPT: std::ffi::c_long = 10_000;
 
