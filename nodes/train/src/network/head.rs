@@ -105,7 +105,7 @@ pub(crate) const SMOOTHED: usize = 5;
 /// Added to the number of the pixel itself where albedo is smoothed: at first it has nearly all of the weight.
 const ITSELF: f32 = 6.0;
 
-/// What the last layers give besides the numbers, if there are such layers.
+/// The outputs of the last layers other than the numbers; none for layers that the network lacks.
 pub(crate) struct Heads {
     /// [N, H, W, 3].
     pub(crate) shades: Option<Tensor<4>>,
