@@ -274,6 +274,7 @@ fn limits_end_a_program_and_what_it_started() {
     let child = folder.path().join("child");
     let gone = || {
         let id = fs::read_to_string(&child).expect("it was started");
+        assert!(id.ends_with('\n'), "no number of a process: {id:?}");
         for _ in 0..500 {
             // A process that ended may stay as a zombie, which nobody has waited for.
             let stat = fs::read_to_string(format!("/proc/{}/stat", id.trim()));
@@ -303,7 +304,8 @@ fn limits_end_a_program_and_what_it_started() {
     fs::remove_file(&child).expect("written before");
     thread::scope(|scope| {
         scope.spawn(|| {
-            while !child.exists() {
+            // The shell makes the file before it writes the number.
+            while !fs::read_to_string(&child).is_ok_and(|id| id.ends_with('\n')) {
                 thread::sleep(Duration::from_millis(5));
             }
             bench.stop.store(true, Ordering::Relaxed);
