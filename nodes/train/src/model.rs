@@ -14,6 +14,7 @@ use crate::{
 };
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use tauflow_contract::{Context, Handle, KindError};
 use tauflow_data::{
     Image, SamplerKind, TensorFile,
@@ -319,14 +320,17 @@ fn shape_error(what: &str, image: &Image, expected: &Image) -> KindError {
 }
 
 /// The image's values with its last column and row repeated up to a size.
-fn pad(image: &Image, (width, height): (usize, usize)) -> Vec<f32> {
+fn pad(image: &Image, (width, height): (usize, usize)) -> Cow<'_, [f32]> {
+    if (width, height) == (image.width(), image.height()) {
+        return Cow::Borrowed(image.data());
+    }
     let mut data = Vec::with_capacity(width * height * image.channels());
     for y in 0..height {
         for x in 0..width {
             data.extend_from_slice(image.pixel(x.min(image.width() - 1), y.min(image.height() - 1)));
         }
     }
-    data
+    Cow::Owned(data)
 }
 
 #[cfg(test)]

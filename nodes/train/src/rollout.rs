@@ -178,12 +178,15 @@ pub(crate) fn readable(endpoint: &Image, gbuffer: Option<&Image>) -> Result<(), 
 
 pub(crate) fn encode(model: &dyn Denoiser, image: &Image) -> Result<Image, KindError> {
     let space = model.space();
-    within(space, image.map(|v| space.encode(v)), image)
+    let data = space.encode_all(image.data());
+    within(space, Image::from_data(image.width(), image.height(), image.channels(), data)?, image)
 }
 
 pub(crate) fn decode(model: &dyn Denoiser, state: Image, endpoint: &Image) -> Result<Image, KindError> {
     let space = model.space();
-    within(space, state, endpoint).map(|state| state.map(|v| space.decode(v)))
+    let state = within(space, state, endpoint)?;
+    let data = space.decode_all(state.data());
+    Ok(Image::from_data(state.width(), state.height(), state.channels(), data)?)
 }
 
 /// A state, unless its endpoint is so bright that values leave what the space can hold: nothing is cut.

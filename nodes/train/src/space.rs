@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_ops::{expm1, log1p};
+use tauflow_ops::{expm1, log1p, map};
 
 /// The space in which states are moved and targets are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
@@ -38,6 +38,22 @@ impl Space {
         match self {
             Self::Linear => value,
             Self::Log1p => signed_log1p(value),
+        }
+    }
+
+    /// Linear values in this space.
+    pub(crate) fn encode_all(self, values: &[f32]) -> Vec<f32> {
+        match self {
+            Self::Linear => values.to_vec(),
+            Self::Log1p => map(values, signed_log1p),
+        }
+    }
+
+    /// Values of this space as linear ones.
+    pub(crate) fn decode_all(self, values: &[f32]) -> Vec<f32> {
+        match self {
+            Self::Linear => values.to_vec(),
+            Self::Log1p => map(values, |value| expm1(value.abs()).copysign(value)),
         }
     }
 

@@ -37,5 +37,5 @@ pub use instructions::Instructions;
 pub use memory::keep as keep_memory;
 pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;
-pub use pyramid::{Blocks, FARTHEST, Guided, Pyramid, SHARPNESS, WeightedMean};
+pub use pyramid::{Blocks, FARTHEST, GUIDES, GuideBlocks, GuidedMean, Guides, Pyramid, SHARPNESS, WeightedMean};
 pub use resample::{Beside, Fir, Nearest, Patches};

@@ -12,9 +12,9 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{ops::RangeInclusive, sync::Arc};
+use std::{borrow::Cow, ops::RangeInclusive, sync::Arc};
 use tauflow_data::maths;
-use tauflow_ops::{Guided, Pyramid, expm1, map, map2};
+use tauflow_ops::{Guides, Pyramid, expm1, map, map2};
 
 /// Numbers that tell the time.
 pub(crate) const CLOCK: usize = 14;
@@ -108,17 +108,17 @@ impl Encoding {
         for (sample, features) in samples.iter().zip(features.chunks_exact_mut(pixels * channels)) {
             let gbuffer = sample.gbuffer.filter(|_| self.gbuffer);
             assert_eq!(gbuffer.is_some(), self.gbuffer, "the caller checks that there is a G-buffer");
-            let radiance = match self.space {
-                Space::Linear => sample.state.to_vec(),
-                Space::Log1p => map(sample.state, |value| expm1(value.abs()).copysign(value)),
-            };
+            let radiance = self.space.decode_all(sample.state);
             let albedo = gbuffer.map(|gbuffer| -> Vec<f32> {
                 let rest = match self.features {
                     Features::Covered => uncovered(gbuffer, height, width),
                     Features::Contrast | Features::Plain => vec![0.0; pixels],
                 };
                 let of = |(pixel, rest): (&[f32], f32)| [0, 1, 2].map(|c| pixel[c].max(0.0) + BLACK + rest);
-                gbuffer.chunks_exact(6).zip(rest).flat_map(of).collect()
+                let mut albedo = vec![0.0; 3 * pixels];
+                let pixels = albedo.par_chunks_exact_mut(3).zip(gbuffer.par_chunks_exact(6)).zip(rest);
+                pixels.with_min_len(4096).for_each(|((out, pixel), rest)| out.copy_from_slice(&of((pixel, rest))));
+                albedo
             });
             let light = match &albedo {
                 Some(albedo) => map2(&radiance, albedo, |value, albedo| value / albedo),
@@ -154,20 +154,18 @@ impl Encoding {
             }
             clock.extend(self.time(sample.tau));
             gains.push(self.factors.at(sample.tau) as f32);
-            lights.extend(light);
-            albedos.extend(albedo.into_iter().flatten());
+            append(&mut lights, light);
+            append(&mut albedos, albedo.unwrap_or_default());
         }
         let shape = [samples.len(), height, width, channels];
-        // Albedo and normals of the pixels.
-        let guide = |channel: usize| {
-            let buffers = samples.iter().filter_map(|sample| sample.gbuffer);
-            let values =
-                buffers.flat_map(|buffer| buffer.chunks_exact(6).flat_map(|pixel| &pixel[channel..channel + 3]));
-            let values: Vec<f32> = values.copied().collect();
-            Arc::new(Pyramid::new(&values, height, width, self.preset.sides()))
+        let guides = || {
+            let buffers: Vec<&[f32]> = samples.iter().filter_map(|sample| sample.gbuffer).collect();
+            // Predictions are of one image, which need not be copied.
+            let all = if let [one] = buffers[..] { Cow::Borrowed(one) } else { Cow::Owned(buffers.concat()) };
+            Arc::new(Guides::new(&all, height, width, self.preset.sides()))
         };
         let head = (self.output != Output::Values).then(|| Head {
-            guides: self.output.is_guided().then(|| Guided(vec![guide(0), guide(3)])),
+            guides: self.output.is_guided().then(guides),
             light: Arc::new(Pyramid::new(&lights, height, width, self.preset.sides())),
             albedo: self.output.is_smoothed().then(|| Arc::new(Pyramid::new(&albedos, height, width, &[SMOOTHED]))),
             answer: Answer {
@@ -215,6 +213,11 @@ impl Encoding {
         }
         out
     }
+}
+
+/// Adds numbers to others; moves them if there are none.
+fn append(all: &mut Vec<f32>, mut more: Vec<f32>) {
+    if all.is_empty() { *all = more } else { all.append(&mut more) }
 }
 
 /// The share of each pixel of a G-buffer that shows no surface: 1 less the length of the mean normal.

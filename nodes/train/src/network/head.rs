@@ -6,11 +6,11 @@
 //! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales. Albedo
 //! of few samples is noisy at edges, so that the mean can be multiplied by a weighted mean of albedo instead.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
-use tauflow_ops::{Guided, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
-use tauflow_tensors::apply;
+use tauflow_ops::{GuidedMean, Guides, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
+use tauflow_tensors::{apply, layers::unfold};
 
 /// Output of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema, Default)]
@@ -92,7 +92,7 @@ pub(crate) struct Head {
     /// Of the state as linear radiance, divided by albedo where there is one.
     pub(crate) light: Arc<Pyramid>,
     /// Albedo and normals at the same scales, if weights are guided.
-    pub(crate) guides: Option<Guided>,
+    pub(crate) guides: Option<Arc<Guides>>,
     /// Albedo at full resolution, if it is smoothed; the answer then has none.
     pub(crate) albedo: Option<Arc<Pyramid>>,
     /// The processing of the weighted mean.
@@ -105,38 +105,39 @@ pub(crate) const SMOOTHED: usize = 5;
 /// Added to the number of the pixel itself where albedo is smoothed: at first it has nearly all of the weight.
 const ITSELF: f32 = 6.0;
 
-/// The outputs of the last layers other than the numbers; none for layers that the network lacks.
+/// The outputs of the last layers, folded: [N, H/2, W/2, 4 C]; none for layers that the network lacks.
 pub(crate) struct Heads {
-    /// [N, H, W, 3].
+    /// As many for a pixel as there are weights.
+    pub(crate) numbers: Tensor<4>,
+    /// Three for a pixel.
     pub(crate) shades: Option<Tensor<4>>,
-    /// [N, H, W, strengths].
+    /// One for a pixel, level and guide.
     pub(crate) strengths: Option<Tensor<4>>,
-    /// [N, H, W, [`SMOOTHED`] squared].
+    /// [`SMOOTHED`] squared for a pixel.
     pub(crate) smooths: Option<Tensor<4>>,
 }
 
 impl Head {
-    /// The prediction [N, H, W, 3] of numbers [N, H, W, weights].
-    pub(crate) fn expand(self, mut numbers: Tensor<4>, heads: Heads) -> Tensor<4> {
-        let Heads { shades, strengths, smooths } = heads;
-        let [images, height, width, channels] = numbers.dims();
-        assert_eq!(channels, self.light.weights(), "a number for each place of the windows");
-        assert_eq!(self.guides.is_some(), strengths.is_some(), "strengths of guides");
-        if let Some((guides, strengths)) = self.guides.zip(strengths) {
-            numbers = apply(guides, [numbers.into(), strengths.into()], [images, height, width, channels]);
-        }
-        let shape = [images, height, width, 3];
-        let mut mean = apply(WeightedMean(self.light), [numbers.into()], shape);
+    /// The prediction [N, H, W, 3].
+    pub(crate) fn expand(self, heads: Heads) -> Tensor<4> {
+        let Heads { numbers, shades, strengths, smooths } = heads;
+        let [images, rows, columns, channels] = numbers.dims();
+        assert_eq!(channels, 4 * self.light.weights(), "a number for each place of the windows");
+        let shape = [images, 2 * rows, 2 * columns, 3];
+        let pyramid = self.light;
+        let mut mean = match (self.guides, strengths) {
+            (Some(guides), Some(strengths)) => {
+                apply(GuidedMean { pyramid, guides }, [numbers.into(), strengths.into()], shape)
+            }
+            (None, None) => apply(WeightedMean { pyramid, own: 0.0 }, [numbers.into()], shape),
+            _ => panic!("guides need strengths"),
+        };
         if let Some(shades) = shades {
-            mean = apply(Shade, [mean.into(), shades.into()], shape);
+            mean = apply(Shade, [mean.into(), unfold(shades).into()], shape);
         }
         assert_eq!(self.albedo.is_some(), smooths.is_some(), "weights of albedo");
-        if let Some((albedo, smooths)) = self.albedo.zip(smooths) {
-            let places = SMOOTHED * SMOOTHED;
-            let mut own = vec![0.0; places];
-            own[places / 2] = ITSELF;
-            let own = Tensor::from_data(TensorData::new(own, [1, 1, 1, places]), &smooths.device());
-            mean = mean * apply(WeightedMean(albedo), [(smooths + own).into()], shape);
+        if let Some((pyramid, smooths)) = self.albedo.zip(smooths) {
+            mean = mean * apply(WeightedMean { pyramid, own: ITSELF }, [smooths.into()], shape);
         }
         apply(self.answer, [mean.into()], shape)
     }

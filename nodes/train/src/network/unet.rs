@@ -7,6 +7,7 @@ use super::head::{Head, Heads, Output, SMOOTHED};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use tauflow_ops::GUIDES;
 use tauflow_tensors::{
     Slots, Start,
     layers::{conv3, fold, linear, modulated_silu, norm_silu, silu, unfold},
@@ -34,9 +35,6 @@ pub(crate) const SIDES: &[usize] = &[5, 3, 3, 3];
 
 /// The same with blocks of 16 pixels.
 const LARGER_SIDES: &[usize] = &[5, 3, 3, 3, 3];
-
-/// Guides of weights: albedo and normals.
-const GUIDES: usize = 2;
 
 impl Preset {
     /// All of them.
@@ -235,13 +233,12 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = run.activated(x, self.last, &time);
-        let shades = self.shade.map(|shade| unfold(run.conv(shade, x.clone())));
-        let strengths = self.guide.map(|guide| unfold(run.conv(guide, x.clone())));
-        let smooths = self.smooth.map(|smooth| unfold(run.conv(smooth, x.clone())));
-        let numbers = unfold(run.conv(self.head, x));
+        let [shades, strengths, smooths] =
+            [self.shade, self.guide, self.smooth].map(|layer| layer.map(|layer| run.conv(layer, x.clone())));
+        let numbers = run.conv(self.head, x);
         match inputs.head {
-            Some(head) => head.expand(numbers, Heads { shades, strengths, smooths }),
-            None => numbers,
+            Some(head) => head.expand(Heads { numbers, shades, strengths, smooths }),
+            None => unfold(numbers),
         }
     }
 }

@@ -9,9 +9,9 @@ use burn::tensor::{
     module::conv2d,
     ops::ConvOptions,
 };
-use std::sync::Arc;
 use tauflow_ops::{
-    Blocks, Conv3, FARTHEST, Fold, GROUP, Guided, Linear, NormSilu, Operator, Pyramid, SHARPNESS, Silu, WeightedMean,
+    Conv3, FARTHEST, Fold, GROUP, GUIDES, GuidedMean, Linear, NormSilu, Operator, Pyramid, SHARPNESS, Silu,
+    WeightedMean,
 };
 
 /// Added to variances, as in `tauflow-ops`.
@@ -93,59 +93,89 @@ impl OnDevice<1> for Fold {
     }
 }
 
-/// The pixels or blocks of a level around each pixel, [N, H, W, 3, places].
-fn around(pyramid: &Pyramid, level: &Blocks<'_>, device: &Device) -> Tensor<5> {
-    let (images, height, width) = pyramid.size();
-    let (block, side) = (1usize << level.scale, level.side);
-    let (rows, columns, places) = (height / block, width / block, side * side);
-    let pixels = constant(level.pixels, [images, rows + side - 1, columns + side - 1, 4], device);
-    let moved = |at: usize| {
-        let (y, x) = (at / side, at % side);
-        pixels.clone().slice([0..images, y..y + rows, x..x + columns, 0..3])
-    };
-    let window: Tensor<5> = Tensor::stack((0..places).map(moved).collect(), 4);
-    let small = window.reshape([images, rows, 1, columns, 1, 3 * places]);
-    let large = small.expand([images, rows, block, columns, block, 3 * places]);
-    large.reshape([images, height, width, 3, places])
+/// Pixels or blocks of a level, with the edge repeated around them.
+struct Padded<'a> {
+    scale: u32,
+    side: usize,
+    /// [N, H/2^scale + side - 1, W/2^scale + side - 1, channels].
+    pixels: &'a [f32],
+    channels: usize,
 }
 
-impl OnDevice<2> for Guided {
+impl Padded<'_> {
+    fn tensor(&self, (images, height, width): (usize, usize, usize), device: &Device) -> Tensor<4> {
+        let [rows, columns] = [height, width].map(|size| (size >> self.scale) + self.side - 1);
+        constant(self.pixels, [images, rows, columns, self.channels], device)
+    }
+
+    /// Three channels around each pixel, [N, H, W, 3, places].
+    fn around(&self, size: (usize, usize, usize), first: usize, device: &Device) -> Tensor<5> {
+        let (images, height, width) = size;
+        let (block, side) = (1usize << self.scale, self.side);
+        let (rows, columns, places) = (height / block, width / block, side * side);
+        let pixels = self.tensor(size, device);
+        let moved = |at: usize| {
+            let (y, x) = (at / side, at % side);
+            pixels.clone().slice([0..images, y..y + rows, x..x + columns, first..first + 3])
+        };
+        let window: Tensor<5> = Tensor::stack((0..places).map(moved).collect(), 4);
+        let small = window.reshape([images, rows, 1, columns, 1, 3 * places]);
+        let large = small.expand([images, rows, block, columns, block, 3 * places]);
+        large.reshape([images, height, width, 3, places])
+    }
+}
+
+/// Numbers of folded pixels as those of pixels.
+fn unfolded(numbers: Tensor<1>, (images, height, width): (usize, usize, usize), channels: usize) -> Tensor<4> {
+    let fold = Fold { height, width, channels, back: true };
+    fold.by_tensors([numbers]).reshape([images, height, width, channels])
+}
+
+/// The means of a pyramid by the numbers [N, H, W, weights].
+fn means(pyramid: &Pyramid, numbers: Tensor<4>) -> Tensor<1> {
+    let (size, device) = (pyramid.size(), numbers.device());
+    let level = |level: tauflow_ops::Blocks<'_>| {
+        Padded { scale: level.scale, side: level.side, pixels: level.pixels, channels: 4 }.around(size, 0, &device)
+    };
+    // [N, H, W, 3, weights]: what each weight is for.
+    let around = Tensor::cat(pyramid.levels().map(level).collect(), 4);
+    flat((around * softmax(numbers.unsqueeze_dim::<5>(3), 4)).sum_dim(4))
+}
+
+impl OnDevice<2> for GuidedMean {
     fn by_tensors(&self, [numbers, strengths]: [Tensor<1>; 2]) -> Tensor<1> {
-        let device = numbers.device();
-        let first = &self.0[0];
-        let (images, height, width) = first.size();
-        let strengths: Tensor<4> = strengths.reshape([images, height, width, self.strengths()]);
-        let levels = (0..first.levels().count()).map(|at| {
-            let of = |(guide, pyramid): (usize, &Arc<Pyramid>)| {
-                let levels: Vec<Blocks<'_>> = pyramid.levels().collect();
-                let side = levels[0].side;
-                let padded = [images, height + side - 1, width + side - 1, 4];
-                let own = constant(levels[0].pixels, padded, &device);
-                let middle = |size: usize| side / 2..side / 2 + size;
-                let own = own.slice([0..images, middle(height), middle(width), 0..3]);
-                let distances = (around(pyramid, &levels[at], &device) - own.unsqueeze_dim::<5>(4))
-                    .square()
-                    .sum_dim(3)
-                    .clamp_max(FARTHEST)
-                    .squeeze_dim::<4>(3);
-                let strength = at * self.0.len() + guide;
+        let (size, device) = (self.pyramid.size(), numbers.device());
+        let (images, height, width) = size;
+        let strengths = unfolded(strengths, size, self.strengths());
+        let levels: Vec<_> = self.guides.levels().collect();
+        let padded = |at: usize| {
+            let level = &levels[at];
+            Padded { scale: level.scale, side: level.side, pixels: &level.pixels, channels: 3 * GUIDES }
+        };
+        let lowered = (0..levels.len()).map(|at| {
+            let of = |guide: usize| {
+                let channels = 3 * guide..3 * guide + 3;
+                let middle = |size: usize| levels[0].side / 2..levels[0].side / 2 + size;
+                let own = padded(0).tensor(size, &device);
+                let own = own.slice([0..images, middle(height), middle(width), channels.clone()]);
+                let near = padded(at).around(size, channels.start, &device) - own.unsqueeze_dim::<5>(4);
+                let distances = near.square().sum_dim(3).clamp_max(FARTHEST).squeeze_dim::<4>(3);
+                let strength = at * GUIDES + guide;
                 distances * strengths.clone().slice_dim(3, strength..strength + 1)
             };
-            let all = self.0.iter().enumerate().map(of).reduce(|sum, more| sum + more);
-            all.expect("at least one guide")
+            of(0) + of(1)
         });
-        let lowered = Tensor::cat(levels.collect(), 3) * SHARPNESS;
-        numbers - flat(lowered)
+        let lowered = Tensor::cat(lowered.collect(), 3) * SHARPNESS;
+        means(&self.pyramid, unfolded(numbers, size, self.pyramid.weights()) - lowered)
     }
 }
 
 impl OnDevice<1> for WeightedMean {
     fn by_tensors(&self, [logits]: [Tensor<1>; 1]) -> Tensor<1> {
-        let (images, height, width) = self.0.size();
-        let device = logits.device();
-        // [N, H, W, 3, weights]: what each weight is for.
-        let around = Tensor::cat(self.0.levels().map(|level| around(&self.0, &level, &device)).collect(), 4);
-        let weights = softmax(logits.reshape([images, height, width, 1, self.0.weights()]), 4);
-        flat((around * weights).sum_dim(4))
+        let (size, count) = (self.pyramid.size(), self.pyramid.weights());
+        let mut own = vec![0.0; count];
+        own[self.pyramid.levels().next().map_or(0, |level| level.side * level.side / 2)] = self.own;
+        let own = constant(&own, [1, 1, 1, count], &logits.device());
+        means(&self.pyramid, unfolded(logits, size, count) + own)
     }
 }

@@ -17,7 +17,7 @@ use std::sync::Arc;
 #[cfg(feature = "gpu")]
 use tauflow_data::methods::Parameterization;
 use tauflow_data::rng::Stream;
-use tauflow_ops::{Conv3, Fold, Guided, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
+use tauflow_ops::{Conv3, Fold, GuidedMean, Guides, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);
@@ -80,13 +80,16 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     }
     let (height, width) = (8, 16);
     let light = Arc::new(Pyramid::new(&numbers(1, 2 * height * width * 3), height, width, SIDES));
-    let logits = numbers(2, 2 * height * width * light.weights()).iter().map(|v| 4.0 * v).collect();
-    all.push(("WeightedMean".into(), difference(WeightedMean(light), [logits], device)));
-    let guide = |salt| Arc::new(Pyramid::new(&numbers(salt, 2 * height * width * 3), height, width, SIDES));
-    let guided = Guided(vec![guide(11), guide(12)]);
-    let (weights, strengths) = (guide(1).weights(), guided.strengths());
-    let inputs = [weights, strengths].map(|each| numbers(13, 2 * height * width * each));
-    all.push(("Guided".into(), difference(guided, inputs, device)));
+    let logits: Vec<f32> = numbers(2, 2 * height * width * light.weights()).iter().map(|v| 4.0 * v).collect();
+    for own in [0.0, 3.0] {
+        let mean = WeightedMean { pyramid: light.clone(), own };
+        all.push((format!("WeightedMean, own {own}"), difference(mean, [logits.clone()], device)));
+    }
+    let guides = Arc::new(Guides::new(&numbers(11, 2 * height * width * 6), height, width, SIDES));
+    let weights = light.weights();
+    let guided = GuidedMean { pyramid: light, guides };
+    let inputs = [weights, guided.strengths()].map(|each| numbers(13, 2 * height * width * each));
+    all.push(("GuidedMean".into(), difference(guided, inputs, device)));
     let size = 2 * 4 * 4 * 3;
     for (albedo, log) in [(None, false), (Some(Arc::new(numbers(5, size))), true)] {
         let answer = Answer { albedo, state: Arc::new(numbers(6, size)), gain: Arc::new(vec![0.5, -2.0]), log };
