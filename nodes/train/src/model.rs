@@ -268,8 +268,9 @@ impl Model {
         let output = self.network.forward(&self.tensors, inputs).into_data();
         let values = output.as_slice::<f32>().map_err(|e| KindError::Internal(format!("network output: {e:?}")))?;
         let crop = |values: &[f32]| {
-            let rows = values.chunks_exact(3 * padded.0).take(height);
-            Ok(Image::from_data(width, height, 3, rows.flat_map(|r| &r[..3 * width]).copied().collect())?)
+            let rows: Vec<&[f32]> =
+                values.chunks_exact(3 * padded.0).take(height).map(|row| &row[..3 * width]).collect();
+            Ok(Image::from_data(width, height, 3, rows.concat())?)
         };
         values.chunks_exact(3 * padded.0 * padded.1).map(crop).collect()
     }

@@ -80,6 +80,10 @@ mod tests {
     fn spaces_invert() {
         for value in [-3.0f32, -0.0, 0.0, 1e-6, 0.5, 80.0, 1e5] {
             let back = Space::Log1p.decode(Space::Log1p.encode(value));
+            for space in [Space::Linear, Space::Log1p] {
+                assert_eq!(space.encode_all(&[value, 2.0]), [space.encode(value), space.encode(2.0)]);
+                assert_eq!(space.decode_all(&[value, 2.0]), [space.decode(value), space.decode(2.0)]);
+            }
             assert!((back - value).abs() <= 2e-6 * value.abs().max(1e-6), "{value} {back}");
             assert_eq!(Space::Linear.encode(value), value);
         }

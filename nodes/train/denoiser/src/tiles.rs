@@ -55,8 +55,11 @@ pub(crate) fn tiles(
 /// The part of an image.
 pub(crate) fn part(image: &Image, [left, top, right, bottom]: [usize; 4]) -> Image {
     let channels = image.channels();
-    let row = |y: usize| &image.data()[(y * image.width() + left) * channels..(y * image.width() + right) * channels];
-    let data = (top..bottom).flat_map(row).copied().collect();
+    let mut data = Vec::with_capacity((right - left) * (bottom - top) * channels);
+    for y in top..bottom {
+        let row = y * image.width();
+        data.extend_from_slice(&image.data()[(row + left) * channels..(row + right) * channels]);
+    }
     Image::from_data(right - left, bottom - top, channels, data).expect("a part that lies in the image")
 }
 

@@ -14,6 +14,7 @@ use std::borrow::Cow;
 
 /// Values of a stored pixel: three colours and a one, with which weights add up beside the colours.
 const STRIDE: usize = 4;
+
 /// Images [N, H, W, 3] at halving resolutions, each with a window.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
@@ -138,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn images_that_do_not_divide_are_refused() {
+    fn images_that_do_not_divide_and_large_windows_are_refused() {
         let refused = std::panic::catch_unwind(|| Pyramid::new(&[0.0; 6 * 4 * 3], 6, 4, &[3, 3, 3]));
         assert!(refused.is_err());
         let refused = std::panic::catch_unwind(|| Guides::new(&[0.0; 8 * 4 * 6], 8, 4, &[7, 3]));

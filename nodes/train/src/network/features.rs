@@ -160,7 +160,7 @@ impl Encoding {
         let shape = [samples.len(), height, width, channels];
         let guides = || {
             let buffers: Vec<&[f32]> = samples.iter().filter_map(|sample| sample.gbuffer).collect();
-            // Predictions are of one image, which need not be copied.
+            // A single image need not be copied.
             let all = if let [one] = buffers[..] { Cow::Borrowed(one) } else { Cow::Owned(buffers.concat()) };
             Arc::new(Guides::new(&all, height, width, self.preset.sides()))
         };
@@ -226,15 +226,24 @@ fn append(all: &mut Vec<f32>, mut more: Vec<f32>) {
 /// or one beside it shows (nearly) no surface.
 fn uncovered(gbuffer: &[f32], height: usize, width: usize) -> Vec<f32> {
     let length = |pixel: &[f32]| pixel[3..6].iter().map(|n| n * n).sum::<f32>().min(1.0).sqrt();
-    let lengths: Vec<f32> = gbuffer.chunks_exact(6).map(length).collect();
+    assert_eq!(gbuffer.len(), 6 * height * width, "a G-buffer of the image");
+    let mut lengths = vec![0.0; height * width];
+    let mut least_of_rows = vec![0.0; height * width];
+    let rows = lengths.par_chunks_exact_mut(width).zip(least_of_rows.par_chunks_exact_mut(width));
+    rows.zip(gbuffer.par_chunks_exact(6 * width)).for_each(|((lengths, least), pixels)| {
+        for (out, pixel) in lengths.iter_mut().zip(pixels.chunks_exact(6)) {
+            *out = length(pixel);
+        }
+        for (x, least) in least.iter_mut().enumerate() {
+            *least = lengths[x].min(lengths[x.saturating_sub(1)]).min(lengths[(x + 1).min(width - 1)]);
+        }
+    });
     let mut out = vec![0.0; height * width];
     out.par_chunks_exact_mut(width).enumerate().for_each(|(y, out)| {
-        for (x, out) in out.iter_mut().enumerate() {
-            let own = lengths[y * width + x];
-            let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
-            let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
-            let near = rows.flat_map(|y| lengths[y * width + columns.start()..=y * width + columns.end()].iter());
-            let least = near.fold(own, |least, length| least.min(*length));
+        let row = |y: usize| &least_of_rows[y * width..(y + 1) * width];
+        let (above, here, below) = (row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1)));
+        for (x, (out, own)) in out.iter_mut().zip(&lengths[y * width..]).enumerate() {
+            let least = here[x].min(above[x]).min(below[x]);
             *out = (1.0 - own) * (1.0 - least / BARE).max(0.0);
         }
     });

@@ -1,7 +1,7 @@
 //! The U-Net (Ronneberger et al. 2015): residual blocks at falling resolutions and back, told the time in every block.
 //!
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
-//! cheaper than at full resolution; the last layer unfolds again.
+//! cheaper than at full resolution; the last layers have the numbers of four pixels side by side.
 
 use super::head::{Head, Heads, Output, SMOOTHED};
 use burn::tensor::Tensor;

@@ -10,7 +10,7 @@ use burn::tensor::{
     ops::ConvOptions,
 };
 use tauflow_ops::{
-    Conv3, FARTHEST, Fold, GROUP, GUIDES, GuidedMean, Linear, NormSilu, Operator, Pyramid, SHARPNESS, Silu,
+    Blocks, Conv3, FARTHEST, Fold, GROUP, GUIDES, GuidedMean, Linear, NormSilu, Operator, Pyramid, SHARPNESS, Silu,
     WeightedMean,
 };
 
@@ -134,11 +134,11 @@ fn unfolded(numbers: Tensor<1>, (images, height, width): (usize, usize, usize), 
 /// The means of a pyramid by the numbers [N, H, W, weights].
 fn means(pyramid: &Pyramid, numbers: Tensor<4>) -> Tensor<1> {
     let (size, device) = (pyramid.size(), numbers.device());
-    let level = |level: tauflow_ops::Blocks<'_>| {
+    let padded = |level: Blocks<'_>| {
         Padded { scale: level.scale, side: level.side, pixels: level.pixels, channels: 4 }.around(size, 0, &device)
     };
     // [N, H, W, 3, weights]: what each weight is for.
-    let around = Tensor::cat(pyramid.levels().map(level).collect(), 4);
+    let around = Tensor::cat(pyramid.levels().map(padded).collect(), 4);
     flat((around * softmax(numbers.unsqueeze_dim::<5>(3), 4)).sum_dim(4))
 }
 
@@ -163,7 +163,7 @@ impl OnDevice<2> for GuidedMean {
                 let strength = at * GUIDES + guide;
                 distances * strengths.clone().slice_dim(3, strength..strength + 1)
             };
-            of(0) + of(1)
+            (1..GUIDES).fold(of(0), |sum, guide| sum + of(guide))
         });
         let lowered = Tensor::cat(lowered.collect(), 3) * SHARPNESS;
         means(&self.pyramid, unfolded(numbers, size, self.pyramid.weights()) - lowered)

@@ -16,13 +16,13 @@ pub const SHARPNESS: f32 = 16.0;
 /// Squared distances count as at most this, so that no guide makes infinite numbers. Unit vectors are 4 apart at most.
 pub const FARTHEST: f32 = 8.0;
 
-/// Numbers that are worked on at once, of which a row of a window is the first.
+/// Numbers that are worked on at once: a row of a window, and what lies behind it.
 pub(super) const LANES: usize = 8;
 
 /// Where a pixel is: image, y, x.
 pub(super) type Place = (usize, usize, usize);
 
-/// So many numbers from there on.
+/// [`LANES`] numbers of a slice, from the given one on.
 #[inline(always)]
 pub(super) fn eight(numbers: &[f32], first: usize) -> [f32; LANES] {
     numbers[first..first + LANES].try_into().expect("as many as lanes")
@@ -87,7 +87,7 @@ impl Guides {
     pub fn levels(&self) -> impl Iterator<Item = GuideBlocks> {
         self.levels.iter().map(|level| {
             let columns = level.width + 2 * level.reach();
-            let rows = level.data.chunks_exact(CHANNELS * level.stride);
+            let rows = level.data[..level.data.len() - LANES].chunks_exact(CHANNELS * level.stride);
             let of = |row: &[f32], x: usize| -> [f32; CHANNELS] { std::array::from_fn(|c| row[c * level.stride + x]) };
             let pixels = rows.flat_map(|row| (0..columns).flat_map(move |x| of(row, x))).collect();
             GuideBlocks { scale: level.scale, side: level.side, pixels }
@@ -155,7 +155,8 @@ impl Level {
     fn fill(&mut self, f: impl Fn(usize, usize, &mut [f32], usize) + Sync) {
         let (stride, reach, rows, height, width) =
             (self.stride, self.reach(), self.height + self.side - 1, self.height, self.width);
-        self.data.par_chunks_exact_mut(CHANNELS * stride).enumerate().for_each(|(at, row)| {
+        let rows_end = self.data.len() - LANES;
+        self.data[..rows_end].par_chunks_exact_mut(CHANNELS * stride).enumerate().for_each(|(at, row)| {
             let (image, y) = edges(at, rows, reach, height);
             f(image, y, row, stride);
             for channel in row.chunks_exact_mut(stride) {
@@ -170,7 +171,7 @@ impl Level {
     #[inline(always)]
     fn row(&self, image: usize, y: usize, down: usize) -> &[f32] {
         let at = image * (self.height + self.side - 1) + y + down;
-        &self.data[at * CHANNELS * self.stride..][..CHANNELS * self.stride + LANES]
+        &self.data[at * CHANNELS * self.stride..][..CHANNELS * self.stride]
     }
 
     /// A row of the window around a pixel, for each channel, and numbers beyond it.

@@ -40,13 +40,13 @@ pub struct GuidedMean {
 /// The sums of weighted colours and of weights.
 type Sums = [f32; STRIDE];
 
-/// What one thread writes to, for four pixels at a time. What belongs to a pixel is filled up to whole lanes.
+/// What one thread writes to, for four pixels at a time.
 struct Scratch {
-    /// The numbers that become weights, with room for lanes behind those of each pixel.
+    /// The numbers that become weights: those of each pixel filled up to whole lanes, and room for more.
     numbers: Vec<f32>,
-    /// Weights that do not add up to one yet.
+    /// Weights that do not add up to one yet, those of each pixel filled up to whole lanes.
     weights: Vec<f32>,
-    /// The last numbers of an image, and room for the lanes behind them.
+    /// The last numbers of all, and room for the lanes behind them.
     last: Vec<f32>,
     /// Squared distances of a pixel for each guide, and room for the lanes behind the last.
     distances: [Vec<f32>; GUIDES],
@@ -64,7 +64,7 @@ impl Scratch {
     }
 }
 
-/// How many pixels to the right and down one of four is.
+/// The place of one of four pixels, by that of the first.
 #[inline(always)]
 fn moved((image, y, x): Place, one: usize) -> Place {
     (image, y + one / 2, x + one % 2)
@@ -125,9 +125,10 @@ impl Pyramid {
         out
     }
 
-    /// The gradients of the numbers of one of four pixels: `weights` times how far each place lies along `g`.
+    /// The gradients of the numbers of a pixel at one level: its weights, times the factor that makes all weights add up
+    /// to one, times how far each place lies along `g`.
     #[inline(always)]
-    fn along<const SIDE: usize>(
+    fn slopes<const SIDE: usize>(
         &self,
         level: usize,
         place: Place,
@@ -166,9 +167,9 @@ impl Pyramid {
                 let places = first..first + side * side;
                 let (weights, out) = ((&weights[places.clone()], share), &mut out[places.clone()]);
                 match side {
-                    1 => self.along::<1>(level, (image, y, x), weights, g, out),
-                    3 => self.along::<3>(level, (image, y, x), weights, g, out),
-                    _ => self.along::<5>(level, (image, y, x), weights, g, out),
+                    1 => self.slopes::<1>(level, (image, y, x), weights, g, out),
+                    3 => self.slopes::<3>(level, (image, y, x), weights, g, out),
+                    _ => self.slopes::<5>(level, (image, y, x), weights, g, out),
                 }
                 first = places.end;
             }
@@ -365,7 +366,7 @@ impl GuidedMean {
 
     /// The gradients of the strengths of one of four pixels.
     #[inline(always)]
-    fn along(&self, place: Place, gradient: &[f32], found: &mut [Vec<f32>; GUIDES], out: &mut [f32]) {
+    fn strength_slopes(&self, place: Place, gradient: &[f32], found: &mut [Vec<f32>; GUIDES], out: &mut [f32]) {
         let own = self.guides.pixel(place);
         let mut first = 0;
         for (level, of) in self.guides.levels.iter().enumerate() {
@@ -411,7 +412,7 @@ impl Operator<2> for GuidedMean {
                 self.pyramid.gradients(place, scratch, &sums, gradient, of_numbers);
                 let pixels = of_numbers.chunks_exact(count).zip(of_strengths.chunks_exact_mut(each));
                 for (one, (gradient, out)) in pixels.enumerate() {
-                    self.along(moved(place, one), gradient, &mut scratch.distances, out);
+                    self.strength_slopes(moved(place, one), gradient, &mut scratch.distances, out);
                 }
             },
         )
@@ -425,11 +426,11 @@ mod tests {
 
     const SIDES: [usize; 3] = [5, 3, 1];
     const SIZE: (usize, usize) = (8, 12);
-    const PIXELS: usize = 2 * SIZE.0 * SIZE.1;
+    const ALL: usize = 2 * SIZE.0 * SIZE.1;
     const COUNT: usize = 35;
 
     fn pyramid() -> (Vec<f32>, Arc<Pyramid>) {
-        let pixels = numbers(3, 3 * PIXELS);
+        let pixels = numbers(3, 3 * ALL);
         let pyramid = Pyramid::new(&pixels, SIZE.0, SIZE.1, &SIDES);
         assert_eq!(pyramid.weights(), COUNT);
         (pixels, Arc::new(pyramid))
@@ -441,12 +442,12 @@ mod tests {
     }
 
     /// Where a pixel is: image, y, x.
-    fn place(at: usize) -> (usize, usize, usize) {
+    fn place(at: usize) -> Place {
         (at / (SIZE.0 * SIZE.1), at / SIZE.1 % SIZE.0, at % SIZE.1)
     }
 
     /// The means over the blocks in the windows around a pixel, of one of the channels of an image.
-    fn around(pixels: &[f32], channels: usize, channel: usize, (image, y, x): (usize, usize, usize)) -> Vec<f64> {
+    fn around(pixels: &[f32], channels: usize, channel: usize, (image, y, x): Place) -> Vec<f64> {
         let ((height, width), mut out) = (SIZE, Vec::new());
         for (scale, side) in SIDES.iter().enumerate() {
             let (block, reach) = (1usize << scale, (side / 2) as i64);
@@ -484,13 +485,13 @@ mod tests {
     fn means_and_gradients_are_those_of_the_definition() {
         let (pixels, pyramid) = pyramid();
         let operator = WeightedMean { pyramid, own: 0.5 };
-        let logits: Vec<f32> = numbers(5, PIXELS * COUNT).iter().map(|v| 4.0 * v).collect();
+        let logits: Vec<f32> = numbers(5, ALL * COUNT).iter().map(|v| 4.0 * v).collect();
         let given = folded(&logits, COUNT, false);
         let (out, ()) = operator.forward([&given]);
         let gradient = numbers(7, out.len());
         let [found] = operator.backward([&given], &(), &gradient, [true]);
         let found = folded(&found, COUNT, true);
-        for at in (0..PIXELS).step_by(5) {
+        for at in (0..ALL).step_by(5) {
             let around = [0, 1, 2].map(|c| around(&pixels, 3, c, place(at)));
             let mut own: Vec<f64> = logits[at * COUNT..][..COUNT].iter().map(|v| f64::from(*v)).collect();
             own[12] += 0.5;
@@ -512,7 +513,7 @@ mod tests {
     #[test]
     fn guides_lower_what_looks_different_as_defined() {
         let (pixels, pyramid) = pyramid();
-        let mut gbuffer = numbers(4, 6 * PIXELS);
+        let mut gbuffer = numbers(4, 6 * ALL);
         // Some pixels are farther than counts, one beyond all numbers.
         gbuffer.iter_mut().step_by(50).for_each(|value| *value *= 4.0);
         gbuffer[103] = 1e30;
@@ -520,16 +521,16 @@ mod tests {
         let operator = GuidedMean { pyramid, guides };
         let each = operator.strengths();
         assert_eq!(each, 6);
-        let logits: Vec<f32> = numbers(5, PIXELS * COUNT).iter().map(|v| 4.0 * v).collect();
+        let logits: Vec<f32> = numbers(5, ALL * COUNT).iter().map(|v| 4.0 * v).collect();
         // Both signs, so that no place takes all of the weight everywhere.
-        let strengths: Vec<f32> = numbers(6, PIXELS * each).iter().map(|v| 0.1 * v).collect();
+        let strengths: Vec<f32> = numbers(6, ALL * each).iter().map(|v| 0.1 * v).collect();
         let given = [folded(&logits, COUNT, false), folded(&strengths, each, false)];
         let inputs = [&given[0][..], &given[1]];
         let (out, ()) = operator.forward(inputs);
         let gradient = numbers(7, out.len());
         let [of_numbers, of_strengths] = operator.backward(inputs, &(), &gradient, [true; 2]);
         let (of_numbers, of_strengths) = (folded(&of_numbers, COUNT, true), folded(&of_strengths, each, true));
-        for at in (0..PIXELS).step_by(3) {
+        for at in (0..ALL).step_by(3) {
             let lights = [0, 1, 2].map(|c| around(&pixels, 3, c, place(at)));
             let guides: [Vec<f64>; 6] = std::array::from_fn(|c| around(&gbuffer, 6, c, place(at)));
             let distance = |guide: usize, b: usize| -> f64 {
@@ -578,11 +579,56 @@ mod tests {
         let (pixels, pyramid) = pyramid();
         let operator = WeightedMean { pyramid, own: 0.0 };
         // A weight far above the others takes it all, here the window's middle.
-        let mut logits = vec![-300.0f32; PIXELS * COUNT];
+        let mut logits = vec![-300.0f32; ALL * COUNT];
         logits.chunks_exact_mut(COUNT).for_each(|of| of[12] = 300.0);
         let (out, ()) = operator.forward([&logits]);
         assert!(out.iter().zip(&pixels).all(|(a, b)| (a - b).abs() < 1e-6));
         let [gradient] = operator.backward([&logits], &(), &vec![1.0; out.len()], [true]);
         assert!(gradient.iter().all(|g| g.abs() < 1e-6));
+    }
+
+    /// Small images, of which the last window ends with the data, and three of them.
+    #[test]
+    fn tiny_images_are_averaged_as_well() {
+        for (height, width, sides) in [(4, 4, &[5, 3, 1][..]), (2, 2, &[5, 1]), (2, 2, &[1]), (2, 6, &[3])] {
+            let pixels = 3 * height * width;
+            let pyramid = Arc::new(Pyramid::new(&numbers(1, 3 * pixels), height, width, sides));
+            let guides = Arc::new(Guides::new(&numbers(2, 6 * pixels), height, width, sides));
+            let count = pyramid.weights();
+            let logits = numbers(3, count * pixels);
+            let plain = WeightedMean { pyramid: pyramid.clone(), own: 0.0 };
+            let guided = GuidedMean { pyramid, guides };
+            // Strengths of zero guide nothing.
+            let none = vec![0.0; guided.strengths() * pixels];
+            let (expected, ()) = plain.forward([&logits]);
+            let (found, ()) = guided.forward([&logits, &none]);
+            assert_eq!((found.len(), &found), (3 * pixels, &expected), "{height} x {width}, {sides:?}");
+            let [expected] = plain.backward([&logits], &(), &found, [true]);
+            let [found, strengths] = guided.backward([&logits, &none], &(), &found, [true; 2]);
+            assert!(found == expected && strengths.iter().all(|slope| slope.is_finite()));
+            let levels: Vec<_> = guided.guides.levels().map(|level| (level.side, level.pixels.len())).collect();
+            let padded = |(scale, side): (usize, &usize)| {
+                (*side, 3 * ((height >> scale) + side - 1) * ((width >> scale) + side - 1) * 6)
+            };
+            assert_eq!(levels, sides.iter().enumerate().map(padded).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_far() {
+        let (_, pyramid) = pyramid();
+        let far = |value: f32| {
+            let mut gbuffer = vec![0.25; 6 * ALL];
+            gbuffer[6 * (3 * SIZE.1 + 3)] = value;
+            let guides = Arc::new(Guides::new(&gbuffer, SIZE.0, SIZE.1, &SIDES));
+            let guided = GuidedMean { pyramid: pyramid.clone(), guides };
+            guided.forward([&folded(&numbers(5, ALL * COUNT), COUNT, false), &vec![0.1; ALL * guided.strengths()]]).0
+        };
+        let (nan, infinite) = (far(f32::NAN), far(1e30));
+        assert!(nan.iter().all(|value| value.is_finite()));
+        // The pixel itself is no number from everything, itself included.
+        let own = 3 * (3 * SIZE.1 + 3);
+        let others = |values: &[f32]| [&values[..own], &values[own + 3..]].concat();
+        assert_eq!(others(&nan), others(&infinite));
     }
 }

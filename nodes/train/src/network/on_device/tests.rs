@@ -88,7 +88,9 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     let guides = Arc::new(Guides::new(&numbers(11, 2 * height * width * 6), height, width, SIDES));
     let weights = light.weights();
     let guided = GuidedMean { pyramid: light, guides };
-    let inputs = [weights, guided.strengths()].map(|each| numbers(13, 2 * height * width * each));
+    // Weak ones, so that no place takes all of the weight.
+    let strengths = numbers(14, 2 * height * width * guided.strengths()).iter().map(|v| 0.1 * v).collect();
+    let inputs = [numbers(13, 2 * height * width * weights), strengths];
     all.push(("GuidedMean".into(), difference(guided, inputs, device)));
     let size = 2 * 4 * 4 * 3;
     for (albedo, log) in [(None, false), (Some(Arc::new(numbers(5, size))), true)] {
