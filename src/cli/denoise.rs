@@ -237,11 +237,10 @@ fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSetting
         bar.set_position(done as u64);
         Ok(())
     };
-    let denoised = denoiser.denoise(&frame, settings, &mut progress).map_err(|error| named(told(error)))?;
+    // A large image needs its memory for the result, and then for writing.
+    let denoised = denoiser.denoise_in_place(frame, settings, &mut progress).map_err(|error| named(told(error)))?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
-    // A large image needs its memory for writing.
-    drop(frame);
     write(&job.out, &denoised, alpha.as_ref())?;
     let Denoised { image, exposure, with_gbuffer, kept } = &denoised;
     let features = if *with_gbuffer { "albedo and normals" } else { "RGB alone" };

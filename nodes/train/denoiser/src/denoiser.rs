@@ -4,7 +4,7 @@ use crate::{
     built_in::Weights,
     frame::{Features, Frame},
     mix::{Evidence, changed},
-    tiles::{part, put, tiles},
+    tiles::{Tile, part, put, tiles},
 };
 use std::borrow::Cow;
 use tauflow_contract::KindError;
@@ -87,6 +87,122 @@ impl Denoiser {
         settings: &Settings,
         progress: &mut dyn FnMut(usize, usize) -> Result<(), KindError>,
     ) -> Result<Denoised, KindError> {
+        let (plan, features) = self.plan(frame, settings)?;
+        let noisy = frame.radiance();
+        let (width, height) = (noisy.width(), noisy.height());
+        let padding = plan.size != [width, height];
+        // The whole image in memory once more only where it is needed: a large one is exposed tile by tile.
+        let whole = (padding || frame.variance().is_some())
+            .then(|| Ok::<_, KindError>(padded(plan.exposed(noisy)?, plan.multiple)))
+            .transpose()?;
+        let features = match features {
+            Some(features) if padding => {
+                Some(Cow::Owned(Features::Together(padded(features.whole().into_owned(), plan.multiple))))
+            }
+            other => other.map(Cow::Borrowed),
+        };
+        let probe = match (&whole, frame.variance()) {
+            (Some(whole), Some((variance, samples))) => Some((whole, variance, samples, changed(whole))),
+            _ => None,
+        };
+        let calls = plan.tiles.len() * if probe.is_some() { 2 } else { 1 };
+        let mut done = 0;
+        let mut all = |image: Option<&Image>| -> Result<Image, KindError> {
+            let mut out = Image::new(plan.size[0], plan.size[1], 3);
+            for tile in &plan.tiles {
+                let seen = match image {
+                    Some(image) => part(image, tile.seen),
+                    None => plan.exposed(&part(noisy, tile.seen))?,
+                };
+                let features = features.as_ref().map(|features| features.part(tile.seen));
+                put(&mut out, tile, &estimate(plan.model, &seen, features.as_ref(), settings)?);
+                done += 1;
+                progress(done, calls)?;
+            }
+            Ok(out)
+        };
+        let mut image = all(whole.as_ref())?;
+        let mut kept = None;
+        if let Some((exposed, variance, samples, (moved, changes))) = &probe {
+            let square = plan.exposure * plan.exposure;
+            let variance = padded(variance.map(|value| (f64::from(value) * square) as f32), plan.multiple);
+            let denoised_changed = all(Some(moved))?;
+            let shares = Evidence {
+                noisy: exposed,
+                variance: &variance,
+                samples: *samples,
+                denoised: &image,
+                denoised_changed: &denoised_changed,
+                changes,
+            }
+            .shares();
+            let share = shares.iter().map(|share| f64::from(*share)).sum::<f64>() / shares.len().max(1) as f64;
+            kept = Some(1.0 - settings.strength * (1.0 - share));
+            for (i, value) in image.data_mut().iter_mut().enumerate() {
+                *value += shares[i / 3] * (exposed.data()[i] - *value);
+            }
+        }
+        if padding {
+            image = part(&image, [0, 0, width, height]);
+        }
+        plan.finish(image.data_mut(), noisy.data(), settings);
+        plan.denoised(image, features.is_some(), kept)
+    }
+
+    /// As [`Denoiser::denoise`], with the same bits, in the memory of the frame: a large image needs no second one
+    /// beside it. Mixes need the whole image, and so do mirrored copies of most sizes.
+    ///
+    /// # Errors
+    /// As [`Denoiser::denoise`].
+    pub fn denoise_in_place(
+        &self,
+        frame: Frame,
+        settings: &Settings,
+        progress: &mut dyn FnMut(usize, usize) -> Result<(), KindError>,
+    ) -> Result<Denoised, KindError> {
+        let (plan, features) = self.plan(&frame, settings)?;
+        let (width, height) = (frame.radiance().width(), frame.radiance().height());
+        if frame.variance().is_some() || plan.size != [width, height] || plan.tiles.len() == 1 {
+            return self.denoise(&frame, settings, progress);
+        }
+        let with_gbuffer = features.is_some();
+        let (mut image, features) = frame.into_parts();
+        let features = features.filter(|_| with_gbuffer);
+        // Noisy rows above the tiles to come, whose place the denoised ones have taken.
+        let mut above = Rows { first: 0, rows: Image::new(width, 0, 3) };
+        let rows: Vec<&[Tile]> = plan.tiles.chunk_by(|a, b| a.core[1] == b.core[1]).collect();
+        let mut done = 0;
+        for (at, tiles) in rows.iter().enumerate() {
+            let [_, top, _, bottom] = tiles[0].core;
+            let mut band = Image::new(width, bottom - top, 3);
+            for tile in *tiles {
+                let seen = plan.exposed(&above.part_with(&image, tile.seen))?;
+                let features = features.as_ref().map(|features| features.part(tile.seen));
+                let made = estimate(plan.model, &seen, features.as_ref(), settings)?;
+                let ([left, _, right, _], [x, y, ..]) = (tile.core, tile.seen);
+                let inner = part(&made, [left - x, top - y, right - x, bottom - y]);
+                let within = [left, 0, right, bottom - top];
+                put(&mut band, &Tile { core: within, seen: within }, &inner);
+                done += 1;
+                progress(done, plan.tiles.len())?;
+            }
+            let own = 3 * width * top..3 * width * bottom;
+            plan.finish(band.data_mut(), &image.data()[own.clone()], settings);
+            if let Some(next) = rows.get(at + 1) {
+                let first = next[0].seen[1].min(bottom);
+                above = Rows { first, rows: above.part_with(&image, [0, first, width, bottom]) };
+            }
+            image.data_mut()[own].copy_from_slice(band.data());
+        }
+        plan.denoised(image, with_gbuffer, None)
+    }
+
+    /// What is done with a frame, and the G-buffer that it needs.
+    fn plan<'a, 'f>(
+        &'a self,
+        frame: &'f Frame,
+        settings: &Settings,
+    ) -> Result<(Plan<'a>, Option<&'f Features>), KindError> {
         if settings.tile.is_some_and(|side| !(1..=MOST_TILE).contains(&side)) {
             return Err(KindError::Input(format!("a tile must have 1 to {MOST_TILE} pixels")));
         }
@@ -108,89 +224,19 @@ impl Denoiser {
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(KindError::Input(format!("an exposure of {exposure}; it must be a factor above 0")));
         }
-        let (width, height) = (noisy.width(), noisy.height());
-        let exposed = |image: &Image| -> Result<Image, KindError> {
-            let exposed = image.map(|value| (f64::from(value.clamp(-bound, bound)) * exposure) as f32);
-            exposed.finite("the exposed image", "lower the exposure")?;
-            Ok(exposed)
-        };
         // Mirrored copies look at the same blocks of pixels only if the image consists of whole ones.
         let multiple = if settings.views == Views::ONE { 1 } else { model.multiple() };
-        let size = [width, height].map(|side| side.next_multiple_of(multiple));
-        let padding = size != [width, height];
-        // The whole image in memory once more only where it is needed: a large one is exposed tile by tile.
-        let whole = (padding || frame.variance().is_some())
-            .then(|| Ok::<_, KindError>(padded(exposed(noisy)?, multiple)))
-            .transpose()?;
-        let features = match features {
-            Some(features) if padding => {
-                Some(Cow::Owned(Features::Together(padded(features.whole().into_owned(), multiple))))
-            }
-            other => other.map(Cow::Borrowed),
-        };
-        let probe = match (&whole, frame.variance()) {
-            (Some(whole), Some((variance, samples))) => Some((whole, variance, samples, changed(whole))),
-            _ => None,
-        };
+        let size = [noisy.width(), noisy.height()].map(|side| side.next_multiple_of(multiple));
         let tiles = tiles(size[0], size[1], settings.tile, model.reach(), model.multiple());
-        let calls = tiles.len() * if probe.is_some() { 2 } else { 1 };
-        let mut done = 0;
-        let mut all = |image: Option<&Image>| -> Result<Image, KindError> {
-            let mut out = Image::new(size[0], size[1], 3);
-            for tile in &tiles {
-                let seen = match image {
-                    Some(image) => part(image, tile.seen),
-                    None => exposed(&part(noisy, tile.seen))?,
-                };
-                let features = features.as_ref().map(|features| features.part(tile.seen));
-                put(&mut out, tile, &estimate(model, &seen, features.as_ref(), settings)?);
-                done += 1;
-                progress(done, calls)?;
-            }
-            Ok(out)
-        };
-        let mut image = all(whole.as_ref())?;
-        let mut kept = None;
-        if let Some((exposed, variance, samples, (moved, changes))) = &probe {
-            let variance = padded(variance.map(|value| (f64::from(value) * exposure * exposure) as f32), multiple);
-            let denoised_changed = all(Some(moved))?;
-            let shares = Evidence {
-                noisy: exposed,
-                variance: &variance,
-                samples: *samples,
-                denoised: &image,
-                denoised_changed: &denoised_changed,
-                changes,
-            }
-            .shares();
-            let share = shares.iter().map(|share| f64::from(*share)).sum::<f64>() / shares.len().max(1) as f64;
-            kept = Some(1.0 - settings.strength * (1.0 - share));
-            for (i, value) in image.data_mut().iter_mut().enumerate() {
-                *value += shares[i / 3] * (exposed.data()[i] - *value);
-            }
-        }
-        if padding {
-            image = part(&image, [0, 0, width, height]);
-        }
-        let strength = settings.strength as f32;
-        for (value, noisy) in image.data_mut().iter_mut().zip(noisy.data()) {
-            let mut denoised = (f64::from(*value) / exposure) as f32;
-            // A lamp that is as bright as all around it keeps its brightness.
-            if noisy.abs() > bound && denoised > 0.25 * bound {
-                denoised = *noisy;
-            }
-            *value = if strength < 1.0 { noisy + strength * (denoised - noisy) } else { denoised };
-        }
-        image.finite("the denoised image", "set another exposure")?;
-        Ok(Denoised { image, exposure, with_gbuffer: features.is_some(), kept })
+        Ok((Plan { model, bound, exposure, multiple, size, tiles }, features))
     }
 
     /// The model for a frame, and the G-buffer that it needs.
-    fn model<'a>(
+    fn model<'a, 'f>(
         &'a self,
-        frame: &'a Frame,
+        frame: &'f Frame,
         settings: &Settings,
-    ) -> Result<(&'a Model, Option<&'a Features>), KindError> {
+    ) -> Result<(&'a Model, Option<&'f Features>), KindError> {
         match (&self.rgb, &self.gbuffer, frame.features().filter(|_| settings.gbuffer)) {
             (_, Some(model), Some(features)) => Ok((model, Some(features))),
             (Some(model), _, _) => Ok((model, None)),
@@ -200,6 +246,67 @@ impl Denoiser {
                     .into(),
             )),
         }
+    }
+}
+
+/// How a frame is denoised, as far as it depends on the frame.
+struct Plan<'a> {
+    model: &'a Model,
+    /// The largest value that the network is shown, before exposure.
+    bound: f32,
+    exposure: f64,
+    /// Width and height are filled up to multiples of this.
+    multiple: usize,
+    size: [usize; 2],
+    tiles: Vec<Tile>,
+}
+
+impl Plan<'_> {
+    /// A part of the image as the network is shown it.
+    fn exposed(&self, image: &Image) -> Result<Image, KindError> {
+        let bound = self.bound;
+        let exposed = image.map(|value| (f64::from(value.clamp(-bound, bound)) * self.exposure) as f32);
+        exposed.finite("the exposed image", "lower the exposure")?;
+        Ok(exposed)
+    }
+
+    /// Makes the result of what the network gave: with the exposure of the frame, and mixed with it by the strength.
+    fn finish(&self, made: &mut [f32], noisy: &[f32], settings: &Settings) {
+        let strength = settings.strength as f32;
+        for (value, noisy) in made.iter_mut().zip(noisy) {
+            let mut denoised = (f64::from(*value) / self.exposure) as f32;
+            // A lamp that is as bright as all around it keeps its brightness.
+            if noisy.abs() > self.bound && denoised > 0.25 * self.bound {
+                denoised = *noisy;
+            }
+            *value = if strength < 1.0 { noisy + strength * (denoised - noisy) } else { denoised };
+        }
+    }
+
+    fn denoised(&self, image: Image, with_gbuffer: bool, kept: Option<f64>) -> Result<Denoised, KindError> {
+        image.finite("the denoised image", "set another exposure")?;
+        Ok(Denoised { image, exposure: self.exposure, with_gbuffer, kept })
+    }
+}
+
+/// Rows of an image that were kept.
+struct Rows {
+    /// Where in the image the first of them was.
+    first: usize,
+    rows: Image,
+}
+
+impl Rows {
+    /// A part of the image of which these rows were kept; all rows below them are still there.
+    fn part_with(&self, image: &Image, [left, top, right, bottom]: [usize; 4]) -> Image {
+        let end = self.first + self.rows.height();
+        let split = end.clamp(top, bottom);
+        let mut data = Vec::with_capacity(3 * (right - left) * (bottom - top));
+        if split > top {
+            data.extend_from_slice(part(&self.rows, [left, top - self.first, right, split - self.first]).data());
+        }
+        data.extend_from_slice(part(image, [left, split, right, bottom]).data());
+        Image::from_data(right - left, bottom - top, 3, data).expect("rows of one width")
     }
 }
 
@@ -327,6 +434,37 @@ mod tests {
                 assert_eq!(differ, 0, "{weights:?}, G-buffers {gbuffer}, {views} views");
             }
         }
+    }
+
+    #[test]
+    fn an_image_denoised_in_place_has_the_bits_of_another() {
+        let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+        let frame = frame(90, 210);
+        let mut bright = frame.radiance().clone();
+        bright.pixel_mut(70, 90).fill(3e30);
+        let bright = Frame::new(bright).expect("finite");
+        // Tiles smaller than what the network looks at, so that rows are kept from two rows of tiles; and one tile.
+        for (frame, gbuffer) in [(&frame, true), (&bright, false)] {
+            for (tile, strength) in [(Some(64), 1.0), (Some(96), 0.5), (None, 1.0)] {
+                let settings = Settings { tile, strength, gbuffer, ..Settings::default() };
+                let expected = denoiser.denoise(frame, &settings, &mut quiet).expect("fine");
+                let mut calls = Vec::new();
+                let mut progress = |done, of| {
+                    calls.push((done, of));
+                    Ok(())
+                };
+                let found = denoiser.denoise_in_place(frame.clone(), &settings, &mut progress).expect("fine");
+                assert!(found.image == expected.image, "{settings:?}");
+                assert_eq!((found.exposure, found.with_gbuffer), (expected.exposure, expected.with_gbuffer));
+                assert!(calls.last().is_some_and(|(done, of)| done == of && *of == calls.len()), "{calls:?}");
+            }
+        }
+        // What needs the whole image has it.
+        let mixed = frame.clone().with_variance(Image::new(90, 210, 3), Some(64)).expect("fits");
+        let settings = Settings { tile: Some(96), ..Settings::default() };
+        let expected = denoiser.denoise(&mixed, &settings, &mut quiet).expect("fine");
+        let found = denoiser.denoise_in_place(mixed, &settings, &mut quiet).expect("fine");
+        assert!(found.image == expected.image && found.kept == expected.kept);
     }
 
     #[test]

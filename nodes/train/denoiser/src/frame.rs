@@ -119,6 +119,11 @@ impl Frame {
         self.variance.as_ref().map(|(variance, samples)| (variance, *samples))
     }
 
+    /// The radiance, and albedo and normal.
+    pub(crate) fn into_parts(self) -> (Image, Option<Features>) {
+        (self.radiance, self.features)
+    }
+
     /// What was mended, for people.
     pub fn notes(&self) -> &[String] {
         &self.notes

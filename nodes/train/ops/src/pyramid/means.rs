@@ -125,7 +125,7 @@ impl Pyramid {
         out
     }
 
-    /// The gradients of the numbers of a pixel at one level: its weights, times the factor that makes all weights add up
+    /// The gradients of the numbers of a pixel at one level: its weights, times what makes all weights add up
     /// to one, times how far each place lies along `g`.
     #[inline(always)]
     fn slopes<const SIDE: usize>(
@@ -259,8 +259,8 @@ impl Pyramid {
     }
 }
 
-/// Adds the places of a level to the sums of a pixel: those in even and in odd columns apart, so that they need not wait
-/// for each other.
+/// Adds the places of a level to the sums of a pixel. Those in even and in odd columns are apart, so that neither waits
+/// for the other.
 #[inline(always)]
 fn add<const SIDE: usize>(level: &Level, place: Place, weights: &[f32], mut even: Sums, mut odd: Sums) -> (Sums, Sums) {
     for (row, weights) in weights.chunks_exact(SIDE).enumerate() {
