@@ -34,6 +34,7 @@ impl Space {
     }
 
     /// A linear value in this space.
+    #[inline(always)]
     pub fn encode(self, value: f32) -> f32 {
         match self {
             Self::Linear => value,
@@ -45,7 +46,11 @@ impl Space {
     pub(crate) fn encode_all(self, values: &[f32]) -> Vec<f32> {
         match self {
             Self::Linear => values.to_vec(),
-            Self::Log1p => map(values, signed_log1p),
+            Self::Log1p => map(
+                values,
+                #[inline(always)]
+                |value| Self::Log1p.encode(value),
+            ),
         }
     }
 
@@ -53,11 +58,16 @@ impl Space {
     pub(crate) fn decode_all(self, values: &[f32]) -> Vec<f32> {
         match self {
             Self::Linear => values.to_vec(),
-            Self::Log1p => map(values, |value| expm1(value.abs()).copysign(value)),
+            Self::Log1p => map(
+                values,
+                #[inline(always)]
+                |value| Self::Log1p.decode(value),
+            ),
         }
     }
 
     /// A value of this space as a linear one.
+    #[inline(always)]
     pub fn decode(self, value: f32) -> f32 {
         match self {
             Self::Linear => value,

@@ -201,7 +201,7 @@ pub(super) fn distances(window: &[[f32; LANES]; CHANNELS], own: &[f32; CHANNELS]
             window[first + 2][i] - own[first + 2],
         ];
         let square = a * a + b * b + c * c;
-        // What is no number is far, too.
+        // NaN counts as far.
         *out = if square < FARTHEST { square } else { FARTHEST };
     }
     out
