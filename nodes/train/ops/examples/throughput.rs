@@ -88,6 +88,12 @@ fn main() -> Result<(), rayon::ThreadPoolBuildError> {
             (4, 8, 160, 160),
             (4, 16, 192, 192),
             (4, 8, 384, 384),
+            (1, 256, 28, 40),
+            (1, 256, 40, 40),
+            (1, 256, 40, 244),
+            (1, 128, 80, 80),
+            (1, 64, 96, 96),
+            (1, 32, 144, 144),
             (1, 128, 48, 48),
             (1, 128, 96, 96),
             (1, 32, 384, 384),
@@ -101,10 +107,12 @@ fn main() -> Result<(), rayon::ThreadPoolBuildError> {
             let inputs_of = [&x[..], &kernel, &bias];
             let told = |seconds: f64| format!("{:6.1} ({:3.0}%)", work / seconds, 100.0 * work / seconds / peak);
             let forward = shortest(|| conv.forward(inputs_of));
+            let output = shortest(|| conv.output(inputs_of));
             let of_x = shortest(|| conv.backward(inputs_of, &(), &gradient, [true, false, false]));
             let of_kernel = shortest(|| conv.backward(inputs_of, &(), &gradient, [false, true, false]));
             println!(
-                "{images} x {side:3} x {side:3}, {inputs:3} -> {outputs:3}: forward {}, input {}, kernel {}",
+                "{images} x {side:3} x {side:3}, {inputs:3} -> {outputs:3}: output {}, forward {}, input {}, kernel {}",
+                told(output),
                 told(forward),
                 told(of_x),
                 told(of_kernel)

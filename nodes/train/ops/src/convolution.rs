@@ -7,6 +7,8 @@
 
 #![expect(unsafe_code, reason = "results are written once, band by band; each block says why all of a band is written")]
 
+mod winograd;
+
 use crate::{
     fresh::{filled, maybe},
     instructions::Instructions,
@@ -51,11 +53,17 @@ pub struct Linear {
     pub instructions: Instructions,
 }
 
-/// Copies rows `first - 1..first + rows + 1` of an image to `to`, with a pixel of zeros at either end of a row, and
-/// rows of zeros outside of the image. Writes all of `to`.
-fn surround(to: &mut [MaybeUninit<f32>], image: &[f32], width: usize, channels: usize, first: usize) {
+/// Copies rows of an image from `first - 1` on to `to`, with zeros outside of the image: a row has a pixel to the left
+/// of the image, and `beyond` to the right. Writes all rows of `to`.
+fn surround(
+    to: &mut [MaybeUninit<f32>],
+    image: &[f32],
+    (width, beyond): (usize, usize),
+    channels: usize,
+    first: usize,
+) {
     let row = width * channels;
-    for (i, to) in to.chunks_exact_mut(row + 2 * channels).enumerate() {
+    for (i, to) in to.chunks_exact_mut(row + (1 + beyond) * channels).enumerate() {
         let line = (first + i).checked_sub(1).and_then(|y| image.get(y * row..(y + 1) * row));
         let (left, rest) = to.split_at_mut(channels);
         let (middle, right) = rest.split_at_mut(row);
@@ -120,7 +128,7 @@ impl Conv3 {
                 let rows = band.len() / (width * outputs);
                 with_scratch((rows + 2) * stride, |near| {
                     // SAFETY: `surround` writes numbers.
-                    surround(unsafe { maybe(near) }, x, width, channels, first);
+                    surround(unsafe { maybe(near) }, x, (width, 1), channels, first);
                     for ky in 0..3 {
                         let runs: Vec<Run> = (0..rows)
                             .map(|y| Run { left: (y + ky) * stride, other: y * width * outputs, rows: width })
@@ -151,7 +159,7 @@ impl Conv3 {
             filled(x.len() / (self.pixels() * c) * (height + 2) * stride, |near| {
                 near.par_chunks_exact_mut((height + 2) * stride)
                     .zip(x.par_chunks_exact(self.pixels() * c))
-                    .for_each(|(near, x)| surround(near, x, width, c, 0));
+                    .for_each(|(near, x)| surround(near, x, (width, 1), c, 0));
             })
         };
         let step = (SUMMED / width).clamp(1, height);
@@ -210,6 +218,14 @@ impl Operator<3> for Conv3 {
         self.check(x, kernel, bias);
         let (c, o) = (self.inputs, self.outputs);
         (self.convolve(x, c, &Packed::new((9 * c, o), kernel, |row| row * o, 1), bias), ())
+    }
+
+    fn output(&self, [x, kernel, bias]: [&[f32]; 3]) -> Vec<f32> {
+        self.check(x, kernel, bias);
+        if winograd::pays(self) {
+            return winograd::convolve(self, x, kernel, bias);
+        }
+        self.forward([x, kernel, bias]).0
     }
 
     fn backward(&self, [x, kernel, bias]: [&[f32]; 3], (): &(), gradient: &[f32], wanted: [bool; 3]) -> [Vec<f32>; 3] {
