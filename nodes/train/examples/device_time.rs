@@ -7,7 +7,7 @@
 //!     tiny [batch 4] [side 64] [steps 20] [predictions 10] [device vulkan]
 //! ```
 
-use tauflow_train::{NetworkDevice, Place, Preset, timing};
+use tauflow_train::{Convolving, NetworkDevice, Place, Preset, timing};
 
 /// As in the program.
 #[global_allocator]
@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let device: NetworkDevice = serde_json::from_value(args.get(5).map_or("vulkan", String::as_str).into())?;
     for place in [Place::cpu(), Place::of(device)?] {
         // The first ones warm up caches and memory; on a device, they compile its kernels.
-        let found = timing::training_steps(&place, preset, batch, side, steps + 3)?;
+        let found = timing::training_steps(&place, preset, batch, side, steps + 3, Convolving::Minimal)?;
         let predictions = timing::predictions(&place, preset, 256, times + 1)?;
         println!(
             "{{\"place\":{},\"preset\":\"{}\",\"batch\":{batch},\"side\":{side},\"training_step_ms\":{:.3},\

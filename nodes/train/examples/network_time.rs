@@ -2,10 +2,10 @@
 //! the share of a step that drawing its batch takes, and of predictions.
 //!
 //! ```text
-//! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [predictions 10]
+//! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [predictions 10] [minimal]
 //! ```
 
-use tauflow_train::{Place, Preset, timing};
+use tauflow_train::{Convolving, Place, Preset, timing};
 
 /// As in the program.
 #[global_allocator]
@@ -22,10 +22,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let preset: Preset = serde_json::from_value(args.first().map_or("tiny", String::as_str).into())?;
     let threads = number(1, 1)?;
     let (batch, steps, times) = (number(2, 4)?, number(3, 20)?, number(4, 10)?);
+    let convolving: Convolving = serde_json::from_value(args.get(5).map_or("minimal", String::as_str).into())?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let cpu = Place::cpu();
     // The first ones warm up caches and memory.
-    let found = pool.install(|| timing::training_steps(&cpu, preset, batch, 64, steps + 3))?;
+    let found = pool.install(|| timing::training_steps(&cpu, preset, batch, 64, steps + 3, convolving))?;
     let predictions = pool.install(|| timing::predictions(&cpu, preset, 256, times + 1))?;
     println!(
         "{{\"weights\":{},\"step_ms\":{:.3},\"draw_share\":{:.4},\"predict_ms\":{:.3}}}",

@@ -52,7 +52,7 @@ const REFERENCES: Each<Ladder> =
     Each::new("references", "Held-out references of the same scenes: another random stream, many samples.").or_none();
 const EXPOSURE: Each<Exposure> = Each::new("exposure", "The exposure of the same scenes, for references.").or_none();
 
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const STEPS: Out<BridgeSteps> =
     Out::new(MAIN, "steps", "The images at every stop, and the clock of the training ladder.");
 

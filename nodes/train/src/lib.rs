@@ -30,7 +30,7 @@ pub use refinement::{Refinement, RefinementParams};
 pub use rollout::{Course, Denoiser, clean_estimate, rollout, rollout_to};
 pub use space::{Space, signed_log1p};
 pub use tauflow_data::methods::{Conditioning, Parameterization};
-pub use training::{Clock, Decay, Training, TrainingParams, timing};
+pub use training::{Clock, Convolving, Decay, Training, TrainingParams, timing};
 
 use tauflow_contract::{KindRow, NodeKind};
 

@@ -22,6 +22,7 @@ use tauflow_data::{
     records::ModelFile,
     time::{VarianceTime, is_unsaid_exponent, unsaid_exponent},
 };
+use tauflow_ops::Convolutions;
 use tauflow_tensors::Weights;
 
 /// The metadata of a model.
@@ -105,6 +106,7 @@ pub struct Model {
     weights: Weights,
     tensors: Vec<Tensor<2>>,
     place: Place,
+    convolutions: Convolutions,
 }
 
 impl Model {
@@ -114,7 +116,20 @@ impl Model {
         let encoding = info.encoding()?;
         let network = encoding.network();
         let tensors = network.slots().tensors(&weights, place.device());
-        Ok(Self { info, encoding, network, weights, tensors, place: place.clone() })
+        Ok(Self {
+            info,
+            encoding,
+            network,
+            weights,
+            tensors,
+            place: place.clone(),
+            convolutions: Convolutions::Minimal,
+        })
+    }
+
+    /// The same model with another computation of convolutions.
+    pub(crate) fn with_convolutions(self, convolutions: Convolutions) -> Self {
+        Self { convolutions, ..self }
     }
 
     /// Reads a model, to predict on the CPU.
@@ -265,7 +280,7 @@ impl Model {
             .map(|((state, gbuffer), tau)| Sample { state, gbuffer: gbuffer.as_deref(), tau: *tau })
             .collect();
         let inputs = self.encoding.inputs(self.place.device(), &samples, padded.1, padded.0);
-        let output = self.network.forward(&self.tensors, inputs).into_data();
+        let output = self.network.forward(&self.tensors, inputs, self.convolutions).into_data();
         let values = output.as_slice::<f32>().map_err(|e| KindError::Internal(format!("network output: {e:?}")))?;
         let crop = |values: &[f32]| {
             let rows: Vec<&[f32]> =

@@ -140,7 +140,7 @@ const MODEL: All<ModelFile> = All::new("model", "The trained solver: exactly one
 const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
-const MAIN: Group = Group::main(3);
+const MAIN: Group = Group::main(4);
 const MEASURED: Group = Group::new("timing", 4);
 const BETWEEN: Group = Group::new("states", 1);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of network calls.");

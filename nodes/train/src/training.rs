@@ -7,7 +7,7 @@ mod params;
 pub mod timing;
 mod trainer;
 
-pub use params::{Clock, TrainingParams};
+pub use params::{Clock, Convolving, TrainingParams};
 pub use tauflow_tensors::Decay;
 
 use crate::{
@@ -277,7 +277,13 @@ impl OneTraining<'_> {
         };
         let (encoding, rates) = (info.encoding()?, self.rates());
         let start = self.first_weights(&info)?;
-        let mut trainer = Trainer::new(encoding, rates, params.loss, (self.seed, start), &self.place);
+        let mut trainer = Trainer::new(
+            encoding,
+            rates,
+            (params.loss, params.convolutions.convolutions()),
+            (self.seed, start),
+            &self.place,
+        );
         let checkpoints = self.checkpoints(&info);
         let mut curve = checkpoints.latest(ctx, &mut trainer, params.steps).unwrap_or_default();
         let seconds = self.steps(&info, &mut trainer, &mut curve, &checkpoints, (&train, test.as_ref()), share)?;
@@ -384,7 +390,8 @@ impl OneTraining<'_> {
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };
-            let model = Model::new(info.clone(), trainer.state.average.clone(), &self.place)?;
+            let model = Model::new(info.clone(), trainer.state.average.clone(), &self.place)?
+                .with_convolutions(trainer.convolutions);
             let test = trainer.test(set, test_side, p.batch);
             // JSON has no infinity: the curve would look as if there were no test scenes.
             if !test.is_finite() {

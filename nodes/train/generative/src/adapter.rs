@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{Image, TensorFile, maths, records::Family};
+use tauflow_ops::Convolutions;
 use tauflow_tensors::{
     Slots, Start, Weights,
     layers::{conv3, fold, linear, norm_silu, silu, unfold},
@@ -115,7 +116,9 @@ impl AdapterNetwork {
     /// The correction of `base` [N, H, W, 3] at times from 0 to 1; sides are even.
     pub(crate) fn forward(&self, weights: &[Tensor<2>], base: Tensor<4>, times: &[f64]) -> Tensor<4> {
         let map = |layer: Layer, x: Tensor<2>| linear(x, weights[layer.kernel].clone(), weights[layer.bias].clone());
-        let conv = |layer: Layer, x: Tensor<4>| conv3(x, weights[layer.kernel].clone(), weights[layer.bias].clone());
+        let conv = |layer: Layer, x: Tensor<4>| {
+            conv3(x, weights[layer.kernel].clone(), weights[layer.bias].clone(), Convolutions::Minimal)
+        };
         let waves = |time: &f64| {
             let wave = |k: usize| [maths::sin(k as f64 * PI * time), maths::cos(k as f64 * PI * time)];
             std::iter::once(*time).chain((1..=WAVES).flat_map(wave)).map(|v| v as f32).collect::<Vec<_>>()

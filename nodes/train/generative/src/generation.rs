@@ -24,7 +24,7 @@ use tauflow_data::{
 };
 
 /// Raised with every change of what a sample is: samples that were kept do not count then.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Samples are made side by side up to this many pixels of a side; larger ones fill a processor by themselves.
 const SMALL: usize = 64;

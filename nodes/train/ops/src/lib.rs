@@ -29,7 +29,7 @@ mod sums;
 
 pub use adam::{Adam, square_sum};
 pub use attention::Attention;
-pub use convolution::{Conv3, Linear};
+pub use convolution::{Conv3, Convolutions, Linear};
 pub use elementary::{exp, expm1, log1p, map, map2};
 pub use fold::Fold;
 pub use group_norm::{GroupMoments, GroupNorm};

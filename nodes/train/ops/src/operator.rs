@@ -10,12 +10,6 @@ pub trait Operator<const N: usize>: Clone + Send + Debug + 'static {
     /// The output of these inputs.
     fn forward(&self, inputs: [&[f32]; N]) -> (Vec<f32>, Self::Saved);
 
-    /// The output of these inputs, where no gradient will be asked for. It may be rounded otherwise than that of
-    /// [`Operator::forward`].
-    fn output(&self, inputs: [&[f32]; N]) -> Vec<f32> {
-        self.forward(inputs).0
-    }
-
     /// The gradients of the inputs that are `wanted`; the others may be empty.
     fn backward(&self, inputs: [&[f32]; N], saved: &Self::Saved, gradient: &[f32], wanted: [bool; N]) -> [Vec<f32>; N];
 }

@@ -109,6 +109,13 @@ impl Packed {
         }
         Self { depth, columns, data: packed }
     }
+
+    /// A matrix of one panel, [depth, columns], whose rows already lie one after the other.
+    pub(crate) fn of_panel((depth, columns): (usize, usize), data: Vec<f32>) -> Self {
+        assert!(columns.is_multiple_of(UNIT) && columns <= MOST * UNIT, "one panel of whole units");
+        assert_eq!(data.len(), depth * columns, "the matrix is as large as it should be");
+        Self { depth, columns, data }
+    }
 }
 
 /// The initial value of the sums.

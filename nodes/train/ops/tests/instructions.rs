@@ -3,8 +3,8 @@
 
 use std::{process::Command, sync::Arc};
 use tauflow_ops::{
-    Adam, Conv3, Fold, GuidedMean, Guides, Instructions, Linear, NormSilu, Operator, Pyramid, Silu, WeightedMean, exp,
-    expm1, log1p, map, map2, square_sum,
+    Adam, Conv3, Convolutions, Fold, GuidedMean, Guides, Instructions, Linear, NormSilu, Operator, Pyramid, Silu,
+    WeightedMean, exp, expm1, log1p, map, map2, square_sum,
 };
 
 /// Set in the processes that answer.
@@ -43,7 +43,9 @@ fn found() -> Vec<(&'static str, u64)> {
     let logits = numbers(4, 2 * 40 * 24 * pyramid.weights());
     let guides = Arc::new(Guides::new(&numbers(7, 2 * 40 * 24 * 6), 40, 24, &[5, 3, 3, 3]));
     let guided = GuidedMean { pyramid: pyramid.clone(), guides };
-    let conv = Conv3 { height: 18, width: 21, inputs: 24, outputs: 40, instructions };
+    let conv = |convolutions| Conv3 { height: 18, width: 21, inputs: 24, outputs: 40, convolutions, instructions };
+    let of_conv = [numbers(1, 2 * 18 * 21 * 24), numbers(2, 9 * 24 * 40), numbers(3, 40)];
+    let convolution = |how| both(&conv(how), of_conv.each_ref().map(Vec::as_slice));
     let linear = Linear { inputs: 37, outputs: 53, instructions };
     let fold = Fold { height: 10, width: 14, channels: 24, back: false };
     let far: Vec<f32> = numbers(5, 50_021).iter().map(|v| v * v * v * 80.0).collect();
@@ -57,7 +59,8 @@ fn found() -> Vec<(&'static str, u64)> {
         ("silu", both(&Silu, [&far])),
         ("guided means", both(&guided, [&logits, &numbers(6, 2 * 40 * 24 * guided.strengths())])),
         ("weighted means", both(&WeightedMean { pyramid, own: 2.0 }, [&logits])),
-        ("convolution", both(&conv, [&numbers(1, 2 * 18 * 21 * 24), &numbers(2, 9 * 24 * 40), &numbers(3, 40)])),
+        ("convolution", convolution(Convolutions::Direct)),
+        ("minimal convolution", convolution(Convolutions::Minimal)),
         ("linear", both(&linear, [&numbers(1, 111 * 37), &numbers(2, 37 * 53), &numbers(3, 53)])),
         ("fold", both(&fold, [&numbers(1, 2 * 10 * 14 * 24)])),
         ("adam", bits(&state)),

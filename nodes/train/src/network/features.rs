@@ -319,6 +319,7 @@ mod tests {
     use super::*;
     use crate::law::Law;
     use tauflow_data::methods::Parameterization;
+    use tauflow_ops::Convolutions;
 
     fn encoding(space: Space, features: Features, output: Output, preset: Preset) -> Encoding {
         let factors = Factors::new(Parameterization::McNoise, &[1, 256], Law::Covariances).expect("a ladder");
@@ -397,7 +398,8 @@ mod tests {
             let inputs = encoding.inputs(&device, &[sample], 16, 16);
             assert_eq!(inputs.features.dims(), [1, 16, 16, encoding.channels()]);
             let weights = network.slots().draw(1);
-            let output = network.forward(&network.slots().tensors(&weights, &device), inputs).into_data();
+            let output =
+                network.forward(&network.slots().tensors(&weights, &device), inputs, Convolutions::Minimal).into_data();
             // A fresh network weighs alike, and light that is alike is its own mean: there is no noise.
             assert!(output.as_slice::<f32>().expect("f32").iter().all(|v| v.abs() < 1e-5), "{space:?}");
         }

@@ -12,6 +12,7 @@ use crate::{
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
 use tauflow_data::{methods::Parameterization, rng::Stream};
+use tauflow_ops::Convolutions;
 use tauflow_tensors::{apply, layers};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
@@ -85,7 +86,7 @@ fn flat(t: &Tensor<4>) -> Tensor<2> {
 fn gradients_of_convolutions() {
     let inputs =
         [(numbers(1, 2 * 6 * 5 * 3), vec![2, 6, 5, 3]), (numbers(2, 27 * 4), vec![27, 4]), (numbers(3, 4), vec![1, 4])];
-    check(&inputs, |t| layers::conv3(t[0].clone(), flat(&t[1]), flat(&t[2])));
+    check(&inputs, |t| layers::conv3(t[0].clone(), flat(&t[1]), flat(&t[2]), Convolutions::Direct));
     let inputs = [
         (numbers(1, 2 * 20 * 30 * 3), vec![2, 20, 30, 3]),
         (numbers(2, 3 * 4), vec![3, 4]),
@@ -256,7 +257,12 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
         let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau };
         let inputs = encoding.inputs(device, &[sample], 16, 16);
         (
-            head::mean_loss(network.forward(&tensors, inputs), (target.clone(), None), target.len(), Loss::Squared),
+            head::mean_loss(
+                network.forward(&tensors, inputs, Convolutions::Minimal),
+                (target.clone(), None),
+                target.len(),
+                Loss::Squared,
+            ),
             tensors,
         )
     };

@@ -7,7 +7,7 @@ use super::head::{Head, Heads, Output, SMOOTHED};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_ops::GUIDES;
+use tauflow_ops::{Convolutions, GUIDES};
 use tauflow_tensors::{
     Slots, Start,
     layers::{conv3, fold, linear, modulated_silu, norm_silu, silu, unfold},
@@ -213,8 +213,8 @@ impl Unet {
     }
 
     /// The prediction, [N, H, W, 3].
-    pub(crate) fn forward(&self, weights: &[Tensor<2>], inputs: Inputs) -> Tensor<4> {
-        let run = Run { weights, normalise: self.normalise };
+    pub(crate) fn forward(&self, weights: &[Tensor<2>], inputs: Inputs, convolutions: Convolutions) -> Tensor<4> {
+        let run = Run { weights, normalise: self.normalise, convolutions };
         let time = silu(run.linear(self.time[0], inputs.clock));
         let time = silu(run.linear(self.time[1], time));
         let mut x = run.conv(self.stem, fold(inputs.features));
@@ -279,6 +279,7 @@ impl Builder {
 struct Run<'a> {
     weights: &'a [Tensor<2>],
     normalise: bool,
+    convolutions: Convolutions,
 }
 
 impl Run<'_> {
@@ -287,7 +288,7 @@ impl Run<'_> {
     }
 
     fn conv(&self, layer: Layer, x: Tensor<4>) -> Tensor<4> {
-        conv3(x, self.weights[layer.kernel].clone(), self.weights[layer.bias].clone())
+        conv3(x, self.weights[layer.kernel].clone(), self.weights[layer.bias].clone(), self.convolutions)
     }
 
     fn activated(&self, x: Tensor<4>, modulation: Layer, time: &Tensor<2>) -> Tensor<4> {

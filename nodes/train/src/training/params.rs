@@ -10,6 +10,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{Before, Later, ParamProblem};
 use tauflow_data::methods::{Conditioning, Parameterization};
+use tauflow_ops::Convolutions;
 use tauflow_tensors::Decay;
 
 /// How the error of the training ladders falls with the sample count n.
@@ -21,6 +22,26 @@ pub enum Clock {
     Independent,
     /// As n^-alpha. `convergence` measures a slope in each scene; alpha is minus their median.
     Fitted,
+}
+
+/// How the convolutions of a training are computed on a CPU. The two differ by rounding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Convolving {
+    /// By minimal filtering (Winograd), with a quarter of the multiplications where that is faster.
+    #[default]
+    Minimal,
+    /// As the sum of the definition, like in earlier versions.
+    Direct,
+}
+
+impl Convolving {
+    pub(super) fn convolutions(self) -> Convolutions {
+        match self {
+            Self::Minimal => Convolutions::Minimal,
+            Self::Direct => Convolutions::Direct,
+        }
+    }
 }
 
 /// Params of `training`.
@@ -92,6 +113,8 @@ pub struct TrainingParams {
     /// Share of these examples that have tiles of two sample counts, as adaptive sampling gives.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub uneven_counts: f64,
+    /// Computation of convolutions; it changes times, and results only by rounding.
+    pub convolutions: Convolving,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]
     pub test_every: u64,
@@ -131,6 +154,7 @@ impl Default for TrainingParams {
             unknown_counts: 0.0,
             independent_targets: false,
             uneven_counts: 0.0,
+            convolutions: Convolving::default(),
             test_every: 250,
             checkpoint_every: 500,
             device: NetworkDevice::Cpu,
@@ -148,6 +172,7 @@ pub(super) const LATER: &[Later] = &[
     Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
     Later { pointer: "/independent_targets", before: Before::Flag(false) },
     Later { pointer: "/uneven_counts", before: Before::Number(0.0) },
+    Later { pointer: "/convolutions", before: Before::Text("direct") },
     ON_THE_CPU,
 ];
 
@@ -166,7 +191,8 @@ impl TrainingParams {
     /// trainings do not mention them.
     pub(super) fn acting(&self) -> Self {
         let matters = Law::matters(self.parameterization) && self.output != Output::Values;
-        Self { law: if matters { self.law } else { Law::unsaid() }, ..self.clone() }
+        let convolutions = if self.device == NetworkDevice::Cpu { self.convolutions } else { Convolving::Direct };
+        Self { law: if matters { self.law } else { Law::unsaid() }, convolutions, ..self.clone() }
     }
 
     /// Checks beyond the schema: incompatible params.

@@ -2,7 +2,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "it measures, for benches alone")]
 
-use super::{DataSet, Decay, Draw, Rates, Trainer};
+use super::{Convolving, DataSet, Decay, Draw, Rates, Trainer};
 use crate::{
     device::Place,
     law::Law,
@@ -70,6 +70,7 @@ pub fn training_steps(
     batch: usize,
     side: usize,
     steps: usize,
+    convolving: Convolving,
 ) -> Result<Vec<[f64; 2]>, KindError> {
     let rates = Rates {
         learning_rate: 1e-4,
@@ -81,7 +82,8 @@ pub fn training_steps(
         steps: steps as u64,
         weight_decay: 0.0,
     };
-    let mut trainer = Trainer::new(info(preset).encoding()?, rates, Loss::Squared, (1, None), place);
+    let mut trainer =
+        Trainer::new(info(preset).encoding()?, rates, (Loss::Squared, convolving.convolutions()), (1, None), place);
     let set = DataSet::new(vec![("made-up", scene(2 * side)?)], "train", Conditioning::Gbuffer)?;
     let draw = Draw { seed: 1, batch, side, exposure_jitter: 1.0, permute_colours: true, ..Draw::PLAIN };
     let milliseconds = |from: Instant| 1000.0 * from.elapsed().as_secs_f64();

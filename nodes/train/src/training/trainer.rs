@@ -11,6 +11,7 @@ use crate::{
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 use tauflow_contract::KindError;
+use tauflow_ops::Convolutions;
 use tauflow_tensors::{Optimised, Rates, Weights};
 
 /// Parts of a batch, at most, on a CPU; a device is filled by one.
@@ -25,6 +26,7 @@ pub(crate) struct Trainer {
     first: f64,
     rates: Rates,
     loss: Loss,
+    pub(crate) convolutions: Convolutions,
     device: Device,
     parts: usize,
 }
@@ -34,7 +36,7 @@ impl Trainer {
     pub(crate) fn new(
         encoding: Encoding,
         rates: Rates,
-        loss: Loss,
+        (loss, convolutions): (Loss, Convolutions),
         (seed, start): (u64, Option<Weights>),
         place: &Place,
     ) -> Self {
@@ -43,7 +45,7 @@ impl Trainer {
         let first = state.weights.norm();
         let parts = if place.adapter().is_none() { PARTS } else { 1 };
         let device = place.device().clone().autodiff();
-        Self { encoding, network, state, first, rates, loss, device, parts }
+        Self { encoding, network, state, first, rates, loss, convolutions, device, parts }
     }
 
     /// One step on a batch; returns its loss and the norm of the gradient.
@@ -114,7 +116,12 @@ impl Trainer {
     fn loss(&self, batch: &Batch, weights: &[Tensor<2>], device: &Device, count: usize) -> Tensor<1> {
         let inputs = self.encoding.inputs(device, &batch.samples(), batch.side, batch.side);
         let shown = self.loss.of_images().then(|| batch.shown());
-        mean_loss(self.network.forward(weights, inputs), (batch.targets.clone(), shown), count, self.loss)
+        mean_loss(
+            self.network.forward(weights, inputs, self.convolutions),
+            (batch.targets.clone(), shown),
+            count,
+            self.loss,
+        )
     }
 }
 
@@ -174,8 +181,13 @@ mod tests {
 
     #[test]
     fn parts_of_a_batch_add_up_to_its_gradient() {
-        let trainer =
-            Trainer::new(encoding(Parameterization::McVelocity), rates(), Loss::Squared, (3, None), &Place::cpu());
+        let trainer = Trainer::new(
+            encoding(Parameterization::McVelocity),
+            rates(),
+            (Loss::Squared, Convolutions::Minimal),
+            (3, None),
+            &Place::cpu(),
+        );
         let mut weights = trainer.state.weights.clone();
         // Nothing may be zero, or gradients behind it would be.
         weights.0.iter_mut().enumerate().for_each(|(i, matrix)| {
@@ -204,8 +216,13 @@ mod tests {
 
     #[test]
     fn a_loss_beyond_all_numbers_is_told_and_changes_nothing() {
-        let mut trainer =
-            Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, (3, None), &Place::cpu());
+        let mut trainer = Trainer::new(
+            encoding(Parameterization::McNoise),
+            rates(),
+            (Loss::Squared, Convolutions::Minimal),
+            (3, None),
+            &Place::cpu(),
+        );
         let before = trainer.state.clone();
         let mut batch = scenes(2, 16).all(&trainer.encoding, 16, 2).next().expect("scenes");
         batch.targets = vec![1e30; batch.targets.len()].into();
@@ -217,8 +234,13 @@ mod tests {
     #[test]
     fn one_batch_is_learned() {
         for parameterization in Parameterization::ALL {
-            let mut trainer =
-                Trainer::new(encoding(parameterization), rates(), Loss::Squared, (3, None), &Place::cpu());
+            let mut trainer = Trainer::new(
+                encoding(parameterization),
+                rates(),
+                (Loss::Squared, Convolutions::Minimal),
+                (3, None),
+                &Place::cpu(),
+            );
             let draw = Draw { seed: 5, batch: 2, side: 16, ..Draw::PLAIN };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
@@ -235,8 +257,13 @@ mod tests {
     #[test]
     fn a_fresh_network_averages_and_its_loss_is_that_of_any_batches() {
         let set = scenes(3, 16);
-        let trainer =
-            Trainer::new(encoding(Parameterization::McNoise), rates(), Loss::Squared, (1, None), &Place::cpu());
+        let trainer = Trainer::new(
+            encoding(Parameterization::McNoise),
+            rates(),
+            (Loss::Squared, Convolutions::Minimal),
+            (1, None),
+            &Place::cpu(),
+        );
         let targets: Vec<f32> =
             set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
         assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);

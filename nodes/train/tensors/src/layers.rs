@@ -2,14 +2,14 @@
 
 use crate::op::apply;
 use burn::tensor::Tensor;
-use tauflow_ops::{Conv3, Fold, GROUP, Instructions, Linear, NormSilu, Silu};
+use tauflow_ops::{Conv3, Convolutions, Fold, GROUP, Instructions, Linear, NormSilu, Silu};
 
 /// 3x3 convolution with zeros around the image: `x` [N, H, W, C], `kernel` [9 C, O], `bias` [1, O].
-pub fn conv3(x: Tensor<4>, kernel: Tensor<2>, bias: Tensor<2>) -> Tensor<4> {
+pub fn conv3(x: Tensor<4>, kernel: Tensor<2>, bias: Tensor<2>, convolutions: Convolutions) -> Tensor<4> {
     let [images, height, width, inputs] = x.dims();
     let [rows, outputs] = kernel.dims();
     assert_eq!(rows, 9 * inputs, "a convolution of {inputs} channels");
-    let conv = Conv3 { height, width, inputs, outputs, instructions: Instructions::best() };
+    let conv = Conv3 { height, width, inputs, outputs, convolutions, instructions: Instructions::best() };
     apply(conv, [x.into(), kernel.into(), bias.into()], [images, height, width, outputs])
 }
 

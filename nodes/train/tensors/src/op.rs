@@ -114,13 +114,11 @@ pub fn apply_on_cpu<const N: usize, const D: usize, O: Operator<N>>(
         #[cfg(feature = "gpu")]
         Input::Elsewhere(_) => panic!("an operator got tensors of several devices"),
     });
-    let slices = primitives.each_ref().map(values);
+    let (data, saved) = operator.forward(primitives.each_ref().map(values));
+    let output = FlexTensor::from_data(TensorData::new(data, shape));
     if !tracked {
-        let output = FlexTensor::from_data(TensorData::new(operator.output(slices), shape));
         return Tensor::from_primitive::<Flex>(output);
     }
-    let (data, saved) = operator.forward(slices);
-    let output = FlexTensor::from_data(TensorData::new(data, shape));
     let guards = guards.try_into().expect("one guard for each input");
     let output = match Step(operator).prepare::<NoCheckpointing>(guards).compute_bound().stateful() {
         OpsKind::Tracked(prep) => prep.finish(State { inputs: primitives, saved }, output),

@@ -3,7 +3,7 @@
 use super::parameters::{LinearMap, Norm};
 use burn::tensor::{Tensor, TensorData};
 use tauflow_data::maths;
-use tauflow_ops::{Attention, Beside, Fir, GroupNorm, Instructions, Nearest, Patches};
+use tauflow_ops::{Attention, Beside, Convolutions, Fir, GroupNorm, Instructions, Nearest, Patches};
 use tauflow_tensors::{apply_on_cpu, layers};
 
 pub(crate) use tauflow_tensors::layers::silu;
@@ -14,7 +14,7 @@ pub(crate) struct Run<'a>(pub(crate) &'a [Tensor<2>]);
 impl Run<'_> {
     /// A 3x3 convolution with zeros around the image.
     pub(crate) fn conv3(&self, map: LinearMap, x: Tensor<4>) -> Tensor<4> {
-        layers::conv3(x, self.0[map.kernel].clone(), self.0[map.bias].clone())
+        layers::conv3(x, self.0[map.kernel].clone(), self.0[map.bias].clone(), Convolutions::Minimal)
     }
 
     /// A linear map of the last axis.

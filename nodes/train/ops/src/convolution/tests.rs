@@ -61,7 +61,7 @@ fn convolutions_are_what_they_say_with_any_instructions() {
         let gradient = numbers(4, images * height * width * outputs);
         let mut first = None;
         for instructions in Instructions::available() {
-            let conv = Conv3 { height, width, inputs, outputs, instructions };
+            let conv = Conv3 { height, width, inputs, outputs, convolutions: Convolutions::Direct, instructions };
             let (out, ()) = conv.forward([&x, &kernel, &bias]);
             let [of_x, of_kernel, of_bias] = conv.backward([&x, &kernel, &bias], &(), &gradient, [true; 3]);
             let found = [&out, &of_x, &of_kernel, &of_bias].map(|v| bits(v));
@@ -130,8 +130,14 @@ fn refused(f: impl FnOnce() + std::panic::UnwindSafe) -> bool {
 
 #[test]
 fn sizes_that_do_not_fit_are_refused() {
-    let conv =
-        |height, width, inputs, outputs| Conv3 { height, width, inputs, outputs, instructions: Instructions::best() };
+    let conv = |height, width, inputs, outputs| Conv3 {
+        height,
+        width,
+        inputs,
+        outputs,
+        convolutions: Convolutions::Direct,
+        instructions: Instructions::best(),
+    };
     let forward = |conv: Conv3, x: usize, kernel: usize, bias: usize| {
         refused(move || _ = conv.forward([&vec![1.0; x], &vec![1.0; kernel], &vec![1.0; bias]]))
     };
@@ -153,7 +159,14 @@ fn sizes_that_do_not_fit_are_refused() {
 
 #[test]
 fn no_images_give_no_result_and_gradients_of_nothing() {
-    let conv = Conv3 { height: 4, width: 4, inputs: 2, outputs: 3, instructions: Instructions::best() };
+    let conv = Conv3 {
+        height: 4,
+        width: 4,
+        inputs: 2,
+        outputs: 3,
+        convolutions: Convolutions::Direct,
+        instructions: Instructions::best(),
+    };
     let inputs = [&[][..], &[1.0; 54], &[1.0; 3]];
     assert!(conv.forward(inputs).0.is_empty());
     assert_eq!(conv.backward(inputs, &(), &[], [true; 3]).map(|v| v.len()), [0, 54, 3]);
@@ -162,7 +175,8 @@ fn no_images_give_no_result_and_gradients_of_nothing() {
 #[test]
 fn bits_do_not_depend_on_the_number_of_threads() {
     let instructions = Instructions::best();
-    let conv = Conv3 { height: 40, width: 24, inputs: 48, outputs: 48, instructions };
+    let conv =
+        Conv3 { height: 40, width: 24, inputs: 48, outputs: 48, convolutions: Convolutions::Direct, instructions };
     let (x, kernel, bias) = (numbers(1, 3 * 960 * 48), numbers(2, 9 * 48 * 48), numbers(3, 48));
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");

@@ -1,4 +1,4 @@
-//! The 3x3 convolution by Winograd's minimal filtering, for results whose gradient nobody asks for.
+//! The 3x3 convolution and its gradients by Winograd's minimal filtering.
 //!
 //! An output tile of 4 x 4 pixels depends on 6 x 6 pixels of the input. Both are transformed so that the convolution
 //! becomes 36 products of matrices, one for each number of the transformed tile: 36 multiplications instead of 144
@@ -8,18 +8,20 @@
 //! Tiles lie on a grid that begins at the corner of the image. Each is computed by itself, so that bits depend on the
 //! position in the grid, but neither on threads nor on lanes.
 
-#![expect(unsafe_code, reason = "transforms go by pointers; sizes are checked before they are called")]
+#![expect(unsafe_code, reason = "results are written once, tile by tile; each block says why all of it is written")]
+#![expect(clippy::needless_range_loop, reason = "lanes are arrays side by side, each loop over the same ones")]
 
 mod transforms;
 
-use super::{Conv3, surround, with_scratch};
+use super::{Conv3, Convolutions, surround, with_scratch};
 use crate::{
     fresh::{filled, maybe},
-    products::{Left, Packed, Run, Start, add_products},
+    instructions::{Instructions, wide},
+    products::{Left, Packed, Run, Start, add_outer_products, add_products},
 };
 use rayon::prelude::*;
 use std::{mem::MaybeUninit, ops::Range};
-use transforms::{Input, Output, transforms};
+use transforms::{Output, Seen, transforms};
 
 /// Side of an output tile.
 const SIDE: usize = 4;
@@ -33,8 +35,11 @@ const UNIT: usize = 16;
 const PANEL: usize = 3 * UNIT;
 /// Tiles that are worked on together: their transformed inputs and outputs of one panel stay in the second cache.
 const TILES: usize = 32;
+/// Tiles whose products with gradients are summed at once, a multiple of [`TILES`]: with their gradients they stay in
+/// the caches.
+const SUMMED: usize = 128;
 /// Pixels of the smallest images that are convolved so: for fewer, the transform of the kernel costs too much.
-const PIXELS: usize = 512;
+const PIXELS: usize = 256;
 /// Channels of the narrowest inputs and outputs: for fewer, the transforms of tiles cost too much.
 const CHANNELS: usize = 16;
 
@@ -48,9 +53,10 @@ const KERNEL: [[f64; 3]; SEEN] = [
     [0.0, 0.0, 1.0],
 ];
 
-/// Whether a convolution is faster this way.
+/// Whether a convolution is computed so: it is faster, and asked for.
 pub(super) fn pays(conv: &Conv3) -> bool {
-    conv.height * conv.width >= PIXELS
+    conv.convolutions == Convolutions::Minimal
+        && conv.height * conv.width >= PIXELS
         && conv.height.min(conv.width) >= SIDE
         && conv.inputs.min(conv.outputs) >= CHANNELS
 }
@@ -66,26 +72,33 @@ fn panels(outputs: usize) -> impl Iterator<Item = Range<usize>> {
 fn transformed(kernel: &[f32], (inputs, outputs): (usize, usize), panel: Range<usize>) -> Packed {
     let width = panel.len().next_multiple_of(UNIT);
     let mut rows = vec![0.0f32; PLACES * inputs * width];
+    wide(|| transform(&mut rows, kernel, (inputs, outputs), panel, width));
+    Packed::of_panel((PLACES * inputs, width), rows)
+}
+
+#[inline(always)]
+fn transform(rows: &mut [f32], kernel: &[f32], (inputs, outputs): (usize, usize), panel: Range<usize>, width: usize) {
     for channel in 0..inputs {
-        let tap = |y: usize, x: usize| &kernel[((3 * y + x) * inputs + channel) * outputs..][panel.clone()];
-        let taps: [[&[f32]; 3]; 3] = std::array::from_fn(|y| std::array::from_fn(|x| tap(y, x)));
         for first in (0..panel.len()).step_by(UNIT) {
             let there = UNIT.min(panel.len() - first);
-            let mut values = [[[0.0f64; UNIT]; 3]; 3];
-            for (values, taps) in values.iter_mut().flatten().zip(taps.iter().flatten()) {
-                for (value, tap) in values[..there].iter_mut().zip(&taps[first..]) {
-                    *value = f64::from(*tap);
+            let mut taps = [[0.0f64; UNIT]; 9];
+            for tap in 0..9 {
+                let from = &kernel[(tap * inputs + channel) * outputs + panel.start + first..][..there];
+                for lane in 0..there {
+                    taps[tap][lane] = f64::from(from[lane]);
                 }
             }
-            for (i, down) in KERNEL.iter().enumerate() {
+            for i in 0..SEEN {
+                let down = KERNEL[i];
                 let mut columns = [[0.0f64; UNIT]; 3];
-                for (x, column) in columns.iter_mut().enumerate() {
+                for x in 0..3 {
                     for lane in 0..UNIT {
-                        column[lane] =
-                            down[0] * values[0][x][lane] + down[1] * values[1][x][lane] + down[2] * values[2][x][lane];
+                        columns[x][lane] =
+                            down[0] * taps[x][lane] + down[1] * taps[3 + x][lane] + down[2] * taps[6 + x][lane];
                     }
                 }
-                for (j, across) in KERNEL.iter().enumerate() {
+                for j in 0..SEEN {
+                    let across = KERNEL[j];
                     let to = &mut rows[((i * SEEN + j) * inputs + channel) * width + first..][..UNIT];
                     for lane in 0..UNIT {
                         let sum =
@@ -96,7 +109,37 @@ fn transformed(kernel: &[f32], (inputs, outputs): (usize, usize), panel: Range<u
             }
         }
     }
-    Packed::new((PLACES * inputs, width), &rows, |row| row * width, 1)
+}
+
+/// Row `y` of the gradient of a kernel, [3 C, O], from sums of products of transformed tiles, [36 C, columns].
+#[inline(always)]
+fn transform_back(kernel: &mut [f32], y: usize, sums: &[f32], (inputs, outputs, columns): (usize, usize, usize)) {
+    for channel in 0..inputs {
+        for first in (0..outputs).step_by(UNIT) {
+            let there = UNIT.min(outputs - first);
+            let mut row = [[0.0f64; UNIT]; SEEN];
+            for i in 0..SEEN {
+                for j in 0..SEEN {
+                    let from = &sums[((i * SEEN + j) * inputs + channel) * columns + first..][..UNIT];
+                    for lane in 0..UNIT {
+                        row[j][lane] += KERNEL[i][y] * f64::from(from[lane]);
+                    }
+                }
+            }
+            for x in 0..3 {
+                let mut sum = [0.0f64; UNIT];
+                for j in 0..SEEN {
+                    for lane in 0..UNIT {
+                        sum[lane] += KERNEL[j][x] * row[j][lane];
+                    }
+                }
+                let to = &mut kernel[(x * inputs + channel) * outputs + first..][..there];
+                for lane in 0..there {
+                    to[lane] = sum[lane] as f32;
+                }
+            }
+        }
+    }
 }
 
 /// The convolution of whole images `x` with a kernel and a bias, whose sizes were checked.
@@ -124,6 +167,115 @@ pub(super) fn convolve(conv: &Conv3, x: &[f32], kernel: &[f32], bias: &[f32]) ->
     };
     // SAFETY: there are whole images; bands cover the result, and `Band::fill` writes all of a band.
     unsafe { filled(size, fill) }
+}
+
+/// The gradient of the input: the convolution with the kernel turned round, inputs and outputs swapped.
+pub(super) fn of_input(conv: &Conv3, kernel: &[f32], gradient: &[f32]) -> Vec<f32> {
+    let (inputs, outputs) = (conv.inputs, conv.outputs);
+    let mut turned = vec![0.0; kernel.len()];
+    for (tap, to) in turned.chunks_exact_mut(outputs * inputs).enumerate() {
+        let from = &kernel[(8 - tap) * inputs * outputs..][..inputs * outputs];
+        for (output, to) in to.chunks_exact_mut(inputs).enumerate() {
+            to.iter_mut().zip(from[output..].iter().step_by(outputs)).for_each(|(to, from)| *to = *from);
+        }
+    }
+    let back = Conv3 { inputs: outputs, outputs: inputs, ..conv.clone() };
+    convolve(&back, gradient, &turned, &vec![0.0; inputs])
+}
+
+/// The gradient of the kernel, [9 C, O]: what is summed are products of transformed tiles of input and gradient, and
+/// the sum is transformed back.
+pub(super) fn of_kernel(conv: &Conv3, x: &[f32], gradient: &[f32]) -> Vec<f32> {
+    let (inputs, outputs) = (conv.inputs, conv.outputs);
+    let columns = outputs.next_multiple_of(UNIT);
+    let (x, gradient) = (Tiles::new(conv, x, inputs), Tiles::new(conv, gradient, outputs));
+    let mut sums = vec![0.0f32; PLACES * inputs * columns];
+    for from in (0..x.count).step_by(SUMMED) {
+        let tiles = from..(from + SUMMED).min(x.count);
+        let (left, right) = (x.transformed(tiles.clone(), false), gradient.transformed(tiles.clone(), true));
+        let depth = inputs.next_multiple_of(UNIT);
+        sums.par_chunks_exact_mut(inputs * columns).enumerate().for_each(|(place, sums)| {
+            sums.par_chunks_mut(super::ROWS * columns).enumerate().for_each(|(part, sums)| {
+                let run = |first: usize| {
+                    let block = TILES.min(tiles.len() - first);
+                    let at = PLACES * first + place * block;
+                    Run { left: at * depth, other: at * columns, rows: block }
+                };
+                let runs: Vec<Run> = (0..tiles.len()).step_by(TILES).map(run).collect();
+                let left = Left { data: &left, stride: depth };
+                add_outer_products(sums, left, part * super::ROWS, (&right, columns), &runs, conv.instructions);
+            });
+        });
+    }
+    let mut kernel = vec![0.0; 9 * inputs * outputs];
+    let rows = kernel.par_chunks_exact_mut(3 * inputs * outputs).enumerate();
+    rows.for_each(|(y, row)| wide(|| transform_back(row, y, &sums, (inputs, outputs, columns))));
+    kernel
+}
+
+/// Tiles of images with zeros around them.
+struct Tiles {
+    near: Vec<f32>,
+    /// Numbers of a row of pixels.
+    row: usize,
+    /// Rows of an image.
+    lines: usize,
+    channels: usize,
+    across: usize,
+    /// Of an image.
+    each: usize,
+    count: usize,
+    instructions: Instructions,
+}
+
+impl Tiles {
+    fn new(conv: &Conv3, images: &[f32], channels: usize) -> Self {
+        let (height, width) = (conv.height, conv.width);
+        let (across, down) = (width.div_ceil(SIDE), height.div_ceil(SIDE));
+        let (columns, lines) = (across * SIDE, down * SIDE + 2);
+        let row = (columns + 2) * channels;
+        let count = images.len() / (height * width * channels);
+        // SAFETY: `surround` writes all rows of an image; what follows is written here.
+        let near = unsafe {
+            filled(count * lines * row + UNIT, |near| {
+                let (near, rest) = near.split_at_mut(count * lines * row);
+                rest.fill(MaybeUninit::new(0.0));
+                near.par_chunks_exact_mut(lines * row)
+                    .zip(images.par_chunks_exact(height * width * channels))
+                    .for_each(|(near, image)| surround(near, image, (width, columns + 1 - width), channels, 0));
+            })
+        };
+        let each = across * down;
+        Self { near, row, lines, channels, across, each, count: count * each, instructions: conv.instructions }
+    }
+
+    /// The transforms of some tiles in blocks of [`TILES`]: each block [36, tiles, C], C a multiple of [`UNIT`].
+    fn transformed(&self, tiles: Range<usize>, gradient: bool) -> Vec<f32> {
+        let depth = self.channels.next_multiple_of(UNIT);
+        let transforms = transforms(self.instructions);
+        let fill = |out: &mut [MaybeUninit<f32>]| {
+            out.par_chunks_mut(TILES * PLACES * depth).enumerate().for_each(|(i, block)| {
+                let count = block.len() / (PLACES * depth);
+                for (at, tile) in (tiles.start + i * TILES..).take(count).enumerate() {
+                    let (image, tile) = (tile / self.each, tile % self.each);
+                    let (down, right) = (tile / self.across * SIDE, tile % self.across * SIDE);
+                    // The output of a tile begins a pixel further on than what it sees.
+                    let margin = usize::from(gradient);
+                    let line = image * self.lines + down + margin;
+                    let mut seen = Seen {
+                        from: &self.near[line * self.row + (right + margin) * self.channels..],
+                        row: self.row,
+                        pixel: self.channels,
+                        to: &mut block[at * depth..],
+                        place: count * depth,
+                    };
+                    if gradient { transforms.gradient(&mut seen) } else { transforms.input(&mut seen) }
+                }
+            });
+        };
+        // SAFETY: blocks cover the result, and transforms write all of a tile's places.
+        unsafe { filled(tiles.len() * PLACES * depth, fill) }
+    }
 }
 
 struct Panel {
@@ -165,11 +317,12 @@ impl Band<'_> {
                 let block = tiles.len();
                 for (i, tile) in tiles.clone().enumerate() {
                     let (down, right) = (tile / self.across * SIDE, tile % self.across * SIDE);
-                    let mut input = Input {
+                    let mut input = Seen {
                         from: &near[(down * (columns + 2) + right) * inputs..],
                         row: (columns + 2) * inputs,
                         pixel: inputs,
-                        to: &mut turned[i * depth..],
+                        // SAFETY: transforms write numbers.
+                        to: unsafe { maybe(&mut turned[i * depth..]) },
                         place: block * depth,
                     };
                     transforms(instructions).input(&mut input);

@@ -17,7 +17,9 @@ use std::sync::Arc;
 #[cfg(feature = "gpu")]
 use tauflow_data::methods::Parameterization;
 use tauflow_data::rng::Stream;
-use tauflow_ops::{Conv3, Fold, GuidedMean, Guides, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean};
+use tauflow_ops::{
+    Conv3, Convolutions, Fold, GuidedMean, Guides, Instructions, Linear, NormSilu, Pyramid, Silu, WeightedMean,
+};
 
 fn numbers(seed: u64, size: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed, &[]);
@@ -58,7 +60,7 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     let mut all = Vec::new();
     let instructions = Instructions::best();
     for (images, height, width, inputs, outputs) in [(2, 6, 5, 3, 4), (1, 16, 16, 60, 32), (2, 8, 24, 32, 64)] {
-        let conv = Conv3 { height, width, inputs, outputs, instructions };
+        let conv = Conv3 { height, width, inputs, outputs, convolutions: Convolutions::Minimal, instructions };
         let x = numbers(1, images * height * width * inputs);
         let made = difference(conv.clone(), [x, numbers(2, 9 * inputs * outputs), numbers(3, outputs)], device);
         all.push((format!("{conv:?}"), made));
@@ -155,7 +157,7 @@ fn of_network(preset: Preset, output: Output, gbuffer: bool, device: &Device) ->
     let samples: Vec<Sample<'_>> = (0..2)
         .map(|i| Sample { state: &states[i], gbuffer: gbuffer.then_some(&gbuffers[i][..]), tau: Some(0.3 * i as f64) })
         .collect();
-    let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE));
+    let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE), Convolutions::Minimal);
     let target = Arc::new(numbers(5, 2 * SIDE * SIDE * 3));
     let found = mean_loss(output.clone(), (target.clone(), None), target.len(), Loss::Squared).backward();
     let gradients = weights.iter().map(|weight| values(flat(weight.grad(&found).expect("every weight is used"))));

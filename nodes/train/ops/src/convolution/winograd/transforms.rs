@@ -1,5 +1,6 @@
 //! The transforms of input and output tiles, for each set of instructions.
 
+#![expect(clippy::needless_range_loop, reason = "tiles are arrays of arrays, each loop over the same rows")]
 #![expect(unsafe_code, reason = "the innermost loops go by pointers; sizes are checked before they are called")]
 
 use super::{PLACES, SEEN, SIDE, UNIT};
@@ -9,8 +10,8 @@ use crate::{
 };
 use std::mem::MaybeUninit;
 
-/// An input tile of 6 x 6 pixels, and where it goes.
-pub(super) struct Input<'a> {
+/// A tile of pixels, 6 x 6 of an input or 4 x 4 of the gradient of an output, and where its transform goes.
+pub(super) struct Seen<'a> {
     /// Starts with the first pixel of the tile, and goes on for [`UNIT`] numbers after its last pixel.
     pub(super) from: &'a [f32],
     /// From a row of pixels to the next.
@@ -18,7 +19,7 @@ pub(super) struct Input<'a> {
     /// From a pixel to the next: the channels.
     pub(super) pixel: usize,
     /// The transformed tile: a place's channels, and numbers of no meaning up to a multiple of [`UNIT`].
-    pub(super) to: &'a mut [f32],
+    pub(super) to: &'a mut [MaybeUninit<f32>],
     /// From a place to the next.
     pub(super) place: usize,
 }
@@ -39,19 +40,33 @@ pub(super) struct Output<'a> {
     pub(super) size: (usize, usize),
 }
 
+impl Seen<'_> {
+    /// Panics unless a tile of this side is there, and room for its transform.
+    fn check(&self, side: usize) {
+        let channels = self.pixel.next_multiple_of(UNIT);
+        assert!((side - 1) * (self.row + self.pixel) + channels <= self.from.len(), "the tile is there");
+        assert!((PLACES - 1) * self.place + channels <= self.to.len(), "room for the transformed tile");
+    }
+}
+
 /// The transforms of one set of instructions.
 pub(super) struct Transforms {
-    input: unsafe fn(&mut Input<'_>),
+    input: unsafe fn(&mut Seen<'_>),
+    gradient: unsafe fn(&mut Seen<'_>),
     output: unsafe fn(&mut Output<'_>),
 }
 
 impl Transforms {
-    pub(super) fn input(&self, tile: &mut Input<'_>) {
-        let channels = tile.pixel.next_multiple_of(UNIT);
-        assert!((SEEN - 1) * (tile.row + tile.pixel) + channels <= tile.from.len(), "the tile is there");
-        assert!((PLACES - 1) * tile.place + channels <= tile.to.len(), "room for the transformed tile");
+    pub(super) fn input(&self, tile: &mut Seen<'_>) {
+        tile.check(SEEN);
         // SAFETY: all numbers are there; `transforms` gives what the processor has.
         unsafe { (self.input)(tile) };
+    }
+
+    pub(super) fn gradient(&self, tile: &mut Seen<'_>) {
+        tile.check(SIDE);
+        // SAFETY: all numbers are there; `transforms` gives what the processor has.
+        unsafe { (self.gradient)(tile) };
     }
 
     pub(super) fn output(&self, tile: &mut Output<'_>) {
@@ -115,15 +130,37 @@ unsafe fn turn_back<L: Lanes>(x: [L; SEEN]) -> [L; SIDE] {
     }
 }
 
+/// The gradient of four numbers of the output, transformed: what [`turn_back`] does to six, turned round.
+///
+/// # Safety
+/// The processor has the lanes' instructions.
+#[inline(always)]
+unsafe fn turn_gradient<L: Lanes>(x: [L; SIDE]) -> [L; SEEN] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let times = |value: L, factor: f32, and: L| value.fused(L::splat(factor), and);
+        let (even, odd) = (times(x[2], 1.0, x[0]), times(x[3], 1.0, x[1]));
+        let (far_even, far_odd) = (times(x[2], 4.0, x[0]), times(x[3], 4.0, x[1]));
+        [
+            x[0],
+            times(odd, 1.0, even),
+            times(odd, -1.0, even),
+            times(far_odd, 2.0, far_even),
+            times(far_odd, -2.0, far_even),
+            x[3],
+        ]
+    }
+}
+
 /// # Safety
 /// The sizes are right, and the processor has the lanes' instructions.
 #[inline(always)]
-unsafe fn input<L: Lanes>(tile: &mut Input<'_>) {
+unsafe fn input<L: Lanes>(tile: &mut Seen<'_>) {
     // SAFETY: the caller's promise.
     unsafe {
-        for channel in (0..tile.pixel).step_by(L::COUNT) {
+        for channel in (0..tile.pixel.next_multiple_of(UNIT)).step_by(L::COUNT) {
             let from = tile.from.as_ptr().add(channel);
-            let to = tile.to.as_mut_ptr().add(channel);
+            let to = tile.to.as_mut_ptr().cast::<f32>().add(channel);
             let mut rows = [[L::splat(0.0); SEEN]; SEEN];
             for x in 0..SEEN {
                 let mut column = [L::splat(0.0); SEEN];
@@ -137,6 +174,36 @@ unsafe fn input<L: Lanes>(tile: &mut Input<'_>) {
             }
             for y in 0..SEEN {
                 let row = turn(rows[y]);
+                for x in 0..SEEN {
+                    row[x].store(to.add((y * SEEN + x) * tile.place));
+                }
+            }
+        }
+    }
+}
+
+/// # Safety
+/// The sizes are right, and the processor has the lanes' instructions.
+#[inline(always)]
+unsafe fn gradient<L: Lanes>(tile: &mut Seen<'_>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        for channel in (0..tile.pixel.next_multiple_of(UNIT)).step_by(L::COUNT) {
+            let from = tile.from.as_ptr().add(channel);
+            let to = tile.to.as_mut_ptr().cast::<f32>().add(channel);
+            let mut rows = [[L::splat(0.0); SIDE]; SEEN];
+            for x in 0..SIDE {
+                let mut column = [L::splat(0.0); SIDE];
+                for y in 0..SIDE {
+                    column[y] = L::load(from.add(y * tile.row + x * tile.pixel));
+                }
+                let column = turn_gradient(column);
+                for y in 0..SEEN {
+                    rows[y][x] = column[y];
+                }
+            }
+            for y in 0..SEEN {
+                let row = turn_gradient(rows[y]);
                 for x in 0..SEEN {
                     row[x].store(to.add((y * SEEN + x) * tile.place));
                 }
@@ -183,9 +250,15 @@ macro_rules! transforms {
 
             // `transforms` gives these only where the processor has the features.
             #[$features]
-            unsafe fn input_tile(tile: &mut Input<'_>) {
+            unsafe fn input_tile(tile: &mut Seen<'_>) {
                 // SAFETY: the features are there; the callers promise the rest.
                 unsafe { input::<$lanes>(tile) }
+            }
+
+            #[$features]
+            unsafe fn gradient_tile(tile: &mut Seen<'_>) {
+                // SAFETY: the features are there; the callers promise the rest.
+                unsafe { gradient::<$lanes>(tile) }
             }
 
             #[$features]
@@ -194,7 +267,8 @@ macro_rules! transforms {
                 unsafe { output::<$lanes>(tile) }
             }
 
-            pub(super) static TRANSFORMS: Transforms = Transforms { input: input_tile, output: output_tile };
+            pub(super) static TRANSFORMS: Transforms =
+                Transforms { input: input_tile, gradient: gradient_tile, output: output_tile };
         }
     };
 }
