@@ -2,7 +2,7 @@
 //! the share of a step that drawing its batch takes, and of predictions.
 //!
 //! ```text
-//! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [predictions 10] [minimal]
+//! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [calls 10] [minimal]
 //! ```
 
 use tauflow_train::{Convolving, Place, Preset, timing};

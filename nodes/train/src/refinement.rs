@@ -141,8 +141,8 @@ const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(4);
-const MEASURED: Group = Group::new("timing", 4);
-const BETWEEN: Group = Group::new("states", 1);
+const MEASURED: Group = Group::new("timing", 5);
+const BETWEEN: Group = Group::new("states", 2);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "One image per number of network calls.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time of each number of calls, on all cores.").measured();
 const STATES: Out<Rollout> = Out::new(BETWEEN, "states", "The state after each network call of each rollout.");

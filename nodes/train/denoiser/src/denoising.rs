@@ -103,7 +103,7 @@ const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
 const MAIN: Group = Group::main(4);
-const MEASURED: Group = Group::new("timing", 2);
+const MEASURED: Group = Group::new("timing", 3);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time on all cores.").measured();
 

@@ -1,15 +1,14 @@
 //! The 3x3 convolution and its gradients by Winograd's minimal filtering.
 //!
 //! An output tile of 4 x 4 pixels depends on 6 x 6 pixels of the input. Both are transformed so that the convolution
-//! becomes 36 products of matrices, one for each number of the transformed tile: 36 multiplications instead of 144
-//! (Winograd 1980; Lavin and Gray 2016, F(4 x 4, 3 x 3) at the points 0, 1, -1, 2, -2 and infinity). Rounding is
-//! coarser than in the sum of the definition, by about ten times the rounding of one product.
+//! becomes 36 products of matrices, one for each number of the transformed tile: 36 multiplications instead of 144.
+//! The method is F(4 x 4, 3 x 3) of Lavin and Gray (2016) after Winograd (1980), at the points 0, 1, -1, 2, -2 and
+//! infinity. Rounding is coarser than in the sum of the definition, about four times with 80 channels.
 //!
 //! Tiles lie on a grid that begins at the corner of the image. Each is computed by itself, so that bits depend on the
 //! position in the grid, but neither on threads nor on lanes.
 
 #![expect(unsafe_code, reason = "results are written once, tile by tile; each block says why all of it is written")]
-#![expect(clippy::needless_range_loop, reason = "lanes are arrays side by side, each loop over the same ones")]
 
 mod transforms;
 
