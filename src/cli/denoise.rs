@@ -74,7 +74,7 @@ pub(crate) struct DenoiseArgs {
     /// mean luminance.
     #[arg(long, value_name = "FACTOR")]
     exposure: Option<f64>,
-    /// Side of tiles in pixels. Default: tiles for images above 1.6 million pixels. The result is the same.
+    /// Side of tiles in pixels. Default: tiles for images above 1.6 million pixels. Results differ only by rounding.
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u64).range(16..=16384))]
     tile: Option<u64>,
 }

@@ -63,6 +63,26 @@ fn outputs_change_with_versions_alone() {
   bridged:
     kind: bridge_refinement
     inputs: { endpoints: bridge_set, mc_noise: \"solvers[steps=3].model\", local_velocity: local.model }
+  # Large enough for convolutions by minimal filtering.
+  wide_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.test }
+    params: { rungs: [1, 2, 4], resolution: [32, 32] }
+  wide_set:
+    kind: dataset_packing
+    inputs: { ladders: wide_ladders, exposure: gate.exposure }
+  minimal:
+    kind: training
+    inputs: { train: wide_set, test: wide_set }
+    params: { parameterization: mc_noise, preset: tiny, steps: 2, batch: 2, crop: 32 }
+  direct:
+    kind: training
+    inputs: { train: wide_set, test: wide_set }
+    params: { parameterization: mc_noise, preset: tiny, steps: 2, batch: 2, crop: 32, convolutions: direct }
+  wide_refined:
+    kind: refinement
+    inputs: { endpoints: wide_set, model: direct.model }
+    params: { nfe: [1] }
   statistics:
     kind: scene_statistics
     inputs: { scenes: sampling.test }
@@ -119,6 +139,11 @@ fn outputs_change_with_versions_alone() {
         "strong.model",
         "strong.log",
         "viewed.refined",
+        "minimal.model",
+        "minimal.log",
+        "direct.model",
+        "direct.log",
+        "wide_refined.refined",
         "bridged.steps",
         "hold.metrics",
         "evaluation.tables",
@@ -131,6 +156,10 @@ fn outputs_change_with_versions_alone() {
     ] {
         let (kind, version) = done.kind(port);
         let _ = writeln!(found, "{kind} {version} {port} {}", done.collection(port).digest());
+    }
+    for port in ["model", "log"] {
+        let digest = |node: &str| done.collection(&format!("{node}.{port}")).digest();
+        assert_ne!(digest("minimal"), digest("direct"), "rounding, at least, differs in {port}");
     }
     assert!(
         found == PINNED,

@@ -8,7 +8,7 @@ use std::{fs, path::Path, process::Command};
 use tauflow_testing::{Need, skip};
 
 /// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight
-/// views.
+/// views, and convolutions by minimal filtering, for which there must be 32 x 32 pixels.
 const MORE: &str = r"
   gbuffer_set:
     kind: dataset_packing
@@ -34,6 +34,21 @@ const MORE: &str = r"
     kind: refinement
     inputs: { endpoints: gbuffer_test, model: strong.model }
     params: { nfe: [1, 3], mirrors: 8 }
+  wide_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.test }
+    params: { rungs: [1, 2], resolution: [32, 32] }
+  wide_set:
+    kind: dataset_packing
+    inputs: { ladders: wide_ladders, exposure: gate.exposure }
+  wide:
+    kind: training
+    inputs: { train: wide_set }
+    params: { parameterization: mc_noise, preset: tiny, steps: 2, batch: 2, crop: 32 }
+  wide_refined:
+    kind: refinement
+    inputs: { endpoints: wide_set, model: wide.model }
+    params: { nfe: [1] }
   own_values:
     kind: training
     inputs: { train: gbuffer_set }

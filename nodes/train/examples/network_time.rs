@@ -1,5 +1,6 @@
 //! Times of the network by itself on made-up images with G-buffers, as one line of JSON: medians of training steps, of
-//! the share of a step that drawing its batch takes, and of predictions.
+//! the share of a step that drawing its batch takes, and of predictions. The last argument is the way to convolve of
+//! steps; predictions always have minimal filtering.
 //!
 //! ```text
 //! cargo run --release -p tauflow-train --example network_time -- small 2 [batch 4] [steps 20] [calls 10] [minimal]

@@ -472,6 +472,12 @@ mod tests {
         let changed = TrainingParams { rung_exponent: 0.5, output: Output::ShadedMeans, ..plain.clone() };
         assert!(names.iter().all(|name| telling(&changed).get(*name).is_some()));
         assert_ne!(Training::project(&plain, None, "main"), Training::project(&changed, None, "main"));
+        // Trainings of before were direct, which is not the default.
+        let direct = TrainingParams { convolutions: Convolving::Direct, ..plain.clone() };
+        let told = |params: &TrainingParams| telling(&params.acting()).get("convolutions").cloned();
+        assert_eq!((told(&plain), told(&direct)), (Some("minimal".into()), None));
+        // A device has convolutions of its own.
+        assert_eq!(told(&TrainingParams { device: crate::NetworkDevice::Vulkan, ..plain }), None);
     }
 
     #[test]

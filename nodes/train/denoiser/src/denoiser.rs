@@ -26,8 +26,8 @@ pub struct Settings {
     pub strength: f64,
     /// Mirrored and rotated copies over which the call is averaged.
     pub views: Views,
-    /// Side of tiles in pixels, up to 16384; none to use tiles only for images above 1.6 million pixels. Results have
-    /// the same bits.
+    /// Side of tiles in pixels, up to 16384; none to use tiles only for images above 1.6 million pixels. Results
+    /// differ only by rounding.
     pub tile: Option<usize>,
     /// Whether the G-buffer is used, if there is one.
     pub gbuffer: bool,

@@ -27,10 +27,9 @@ const SUMMED: usize = 128;
 const ROWS: usize = 96;
 
 /// How 3x3 convolutions and their gradients are computed. The two differ by rounding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Convolutions {
     /// By minimal filtering where that is faster: with a quarter of the multiplications.
-    #[default]
     Minimal,
     /// As the sum of the definition.
     Direct,

@@ -1,10 +1,11 @@
 //! The heavy operators of small image networks on a CPU, forward and backward, and their optimiser, over plain slices
 //! of f32.
 //!
-//! Images are [N, H, W, C], channels last. Every sum is taken in an order that depends on shapes alone; in `products`
-//! every product is fused with the sum before it, elsewhere none ever is. Results therefore have the same bits for any
-//! number of threads and any [`Instructions`]. Work is split by rayon over images, rows of images and rows of weights.
-//! Knows neither networks nor graphs of gradients. Slices of lengths that do not fit are refused by a panic.
+//! Images are [N, H, W, C], channels last. Every sum is taken in an order that depends on shapes alone. In `products`
+//! and in the transforms of `convolution`, every product is fused with the sum before it, and elsewhere none ever is.
+//! Results therefore have the same bits for any number of threads and any [`Instructions`]. Work is split by
+//! rayon over images, rows of images and rows of weights. Knows neither networks nor graphs of gradients. Slices of
+//! lengths that do not fit are refused by a panic.
 
 mod adam;
 mod attention;

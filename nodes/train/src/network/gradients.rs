@@ -258,7 +258,7 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
         let inputs = encoding.inputs(device, &[sample], 16, 16);
         (
             head::mean_loss(
-                network.forward(&tensors, inputs, Convolutions::Minimal),
+                network.forward(&tensors, inputs, Convolutions::Direct),
                 (target.clone(), None),
                 target.len(),
                 Loss::Squared,

@@ -97,7 +97,7 @@ impl Plan {
         Self { widths, blocks, convolutions, embedding, sides: SIDES, normalise: true }
     }
 
-    /// A pixel of the output depends only on pixels around it: nothing changes with the size of the image.
+    /// A pixel of the output depends only on pixels around it: nothing but rounding changes with the size of the image.
     fn local(widths: &'static [usize], convolutions: usize, embedding: usize) -> Self {
         Self { widths, blocks: 1, convolutions, embedding, sides: LARGER_SIDES, normalise: false }
     }

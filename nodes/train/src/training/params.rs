@@ -113,7 +113,7 @@ pub struct TrainingParams {
     /// Share of these examples that have tiles of two sample counts, as adaptive sampling gives.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub uneven_counts: f64,
-    /// Computation of convolutions; it changes times, and results only by rounding.
+    /// Computation of convolutions on a CPU; the two differ in time and in rounding.
     pub convolutions: Convolving,
     /// Steps between points of the loss curve.
     #[schemars(range(min = 1))]

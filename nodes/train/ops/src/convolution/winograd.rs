@@ -3,7 +3,8 @@
 //! An output tile of 4 x 4 pixels depends on 6 x 6 pixels of the input. Both are transformed so that the convolution
 //! becomes 36 products of matrices, one for each number of the transformed tile: 36 multiplications instead of 144.
 //! The method is F(4 x 4, 3 x 3) of Lavin and Gray (2016) after Winograd (1980), at the points 0, 1, -1, 2, -2 and
-//! infinity. Rounding is coarser than in the sum of the definition, about four times with 80 channels.
+//! infinity. Errors are relative to the largest values of a tile, and a number that is not finite spoils whole tiles.
+//! Rounding is coarser than in the sum of the definition, about four times with 80 channels.
 //!
 //! Tiles lie on a grid that begins at the corner of the image. Each is computed by itself, so that bits depend on the
 //! position in the grid, but neither on threads nor on lanes.
@@ -37,7 +38,7 @@ const TILES: usize = 32;
 /// Tiles whose products with gradients are summed at once, a multiple of [`TILES`]: with their gradients they stay in
 /// the caches.
 const SUMMED: usize = 128;
-/// Pixels of the smallest images that are convolved so: for fewer, the transform of the kernel costs too much.
+/// Pixels of the smallest images for this method: for fewer, the transform of the kernel costs too much.
 const PIXELS: usize = 256;
 /// Channels of the narrowest inputs and outputs: for fewer, the transforms of tiles cost too much.
 const CHANNELS: usize = 16;
@@ -52,7 +53,7 @@ const KERNEL: [[f64; 3]; SEEN] = [
     [0.0, 0.0, 1.0],
 ];
 
-/// Whether a convolution is computed so: it is faster, and asked for.
+/// Whether this method is asked for, and faster.
 pub(super) fn pays(conv: &Conv3) -> bool {
     conv.convolutions == Convolutions::Minimal
         && conv.height * conv.width >= PIXELS
@@ -182,8 +183,8 @@ pub(super) fn of_input(conv: &Conv3, kernel: &[f32], gradient: &[f32]) -> Vec<f3
     convolve(&back, gradient, &turned, &vec![0.0; inputs])
 }
 
-/// The gradient of the kernel, [9 C, O]: what is summed are products of transformed tiles of input and gradient, and
-/// the sum is transformed back.
+/// The gradient of the kernel, [9 C, O]: sums of products of transformed tiles of input and gradient, transformed
+/// back.
 pub(super) fn of_kernel(conv: &Conv3, x: &[f32], gradient: &[f32]) -> Vec<f32> {
     let (inputs, outputs) = (conv.inputs, conv.outputs);
     let columns = outputs.next_multiple_of(UNIT);

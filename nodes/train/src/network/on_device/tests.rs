@@ -157,7 +157,7 @@ fn of_network(preset: Preset, output: Output, gbuffer: bool, device: &Device) ->
     let samples: Vec<Sample<'_>> = (0..2)
         .map(|i| Sample { state: &states[i], gbuffer: gbuffer.then_some(&gbuffers[i][..]), tau: Some(0.3 * i as f64) })
         .collect();
-    let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE), Convolutions::Minimal);
+    let output = network.forward(&weights, encoding.inputs(&device, &samples, SIDE, SIDE), Convolutions::Direct);
     let target = Arc::new(numbers(5, 2 * SIDE * SIDE * 3));
     let found = mean_loss(output.clone(), (target.clone(), None), target.len(), Loss::Squared).backward();
     let gradients = weights.iter().map(|weight| values(flat(weight.grad(&found).expect("every weight is used"))));
