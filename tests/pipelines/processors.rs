@@ -8,7 +8,7 @@ use std::{fs, path::Path, process::Command};
 use tauflow_testing::{Need, skip};
 
 /// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight
-/// views, and convolutions by minimal filtering, for which there must be 32 x 32 pixels.
+/// views; and 32 x 32 pixels, from which on convolutions have minimal filtering.
 const MORE: &str = r"
   gbuffer_set:
     kind: dataset_packing
@@ -44,7 +44,7 @@ const MORE: &str = r"
   wide:
     kind: training
     inputs: { train: wide_set }
-    params: { parameterization: mc_noise, preset: tiny, steps: 2, batch: 2, crop: 32 }
+    params: { parameterization: mc_noise, preset: tiny, steps: 1, batch: 1, crop: 32 }
   wide_refined:
     kind: refinement
     inputs: { endpoints: wide_set, model: wide.model }

@@ -179,15 +179,14 @@ mod tests {
         Rates { learning_rate: 2e-3, betas, warmup: 5, clip: 1.0, ema: 0.999, decay, steps: 150, weight_decay: 0.0 }
     }
 
+    fn fresh(parameterization: Parameterization, seed: u64) -> Trainer {
+        let judged = (Loss::Squared, Convolutions::Minimal);
+        Trainer::new(encoding(parameterization), rates(), judged, (seed, None), &Place::cpu())
+    }
+
     #[test]
     fn parts_of_a_batch_add_up_to_its_gradient() {
-        let trainer = Trainer::new(
-            encoding(Parameterization::McVelocity),
-            rates(),
-            (Loss::Squared, Convolutions::Minimal),
-            (3, None),
-            &Place::cpu(),
-        );
+        let trainer = fresh(Parameterization::McVelocity, 3);
         let mut weights = trainer.state.weights.clone();
         // Nothing may be zero, or gradients behind it would be.
         weights.0.iter_mut().enumerate().for_each(|(i, matrix)| {
@@ -216,13 +215,7 @@ mod tests {
 
     #[test]
     fn a_loss_beyond_all_numbers_is_told_and_changes_nothing() {
-        let mut trainer = Trainer::new(
-            encoding(Parameterization::McNoise),
-            rates(),
-            (Loss::Squared, Convolutions::Minimal),
-            (3, None),
-            &Place::cpu(),
-        );
+        let mut trainer = fresh(Parameterization::McNoise, 3);
         let before = trainer.state.clone();
         let mut batch = scenes(2, 16).all(&trainer.encoding, 16, 2).next().expect("scenes");
         batch.targets = vec![1e30; batch.targets.len()].into();
@@ -234,13 +227,7 @@ mod tests {
     #[test]
     fn one_batch_is_learned() {
         for parameterization in Parameterization::ALL {
-            let mut trainer = Trainer::new(
-                encoding(parameterization),
-                rates(),
-                (Loss::Squared, Convolutions::Minimal),
-                (3, None),
-                &Place::cpu(),
-            );
+            let mut trainer = fresh(parameterization, 3);
             let draw = Draw { seed: 5, batch: 2, side: 16, ..Draw::PLAIN };
             let batch = scenes(2, 16).draw(&trainer.encoding, &draw, 0);
             let first = trainer.step(&batch).expect("finite").0;
@@ -257,13 +244,7 @@ mod tests {
     #[test]
     fn a_fresh_network_averages_and_its_loss_is_that_of_any_batches() {
         let set = scenes(3, 16);
-        let trainer = Trainer::new(
-            encoding(Parameterization::McNoise),
-            rates(),
-            (Loss::Squared, Convolutions::Minimal),
-            (1, None),
-            &Place::cpu(),
-        );
+        let trainer = fresh(Parameterization::McNoise, 1);
         let targets: Vec<f32> =
             set.all(&trainer.encoding, 16, 4).flat_map(|b| b.targets.iter().copied().collect::<Vec<_>>()).collect();
         assert_eq!(targets.len(), 3 * 2 * 16 * 16 * 3);

@@ -222,8 +222,9 @@ struct Tiles {
     lines: usize,
     channels: usize,
     across: usize,
-    /// Of an image.
+    /// Tiles of an image.
     each: usize,
+    /// Tiles of all images.
     count: usize,
     instructions: Instructions,
 }
@@ -378,13 +379,7 @@ impl Band<'_> {
             for y in 0..lines {
                 for x in 0..columns {
                     let from = &beside[y * beside_row + x * beside_pixel..][..UNIT];
-                    let to = &mut to[y * row + x * pixel..][..there];
-                    // A copy of a known size is a few instructions.
-                    if there == UNIT / 2 {
-                        to[..UNIT / 2].copy_from_slice(&from[..UNIT / 2]);
-                    } else {
-                        to.copy_from_slice(&from[..there]);
-                    }
+                    to[y * row + x * pixel..][..there].copy_from_slice(&from[..there]);
                 }
             }
         }

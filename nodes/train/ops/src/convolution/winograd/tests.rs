@@ -6,7 +6,8 @@ fn conv([height, width, inputs, outputs]: [usize; 4], instructions: Instructions
 }
 
 /// Whole and ragged tiles, bands, blocks, panels and channels; each of a size that is convolved this way.
-const SHAPES: [[usize; 5]; 7] = [
+const SHAPES: [[usize; 5]; 8] = [
+    [1, 16, 16, 16, 16],
     [1, 32, 32, 16, 16],
     [2, 23, 37, 28, 40],
     [1, 5, 131, 17, 100],
@@ -115,6 +116,16 @@ fn bits_do_not_depend_on_the_number_of_threads_nor_on_images_beside() {
     assert!(one == run(2, &x) && one == run(5, &x));
     let alone = run(1, &x[..960 * 48]);
     assert!(one[0][..960 * 48] == alone[0] && one[1][..960 * 48] == alone[1]);
+}
+
+#[test]
+fn no_images_give_no_result_and_gradients_of_nothing() {
+    let conv = conv([16, 16, 16, 16], Instructions::best());
+    assert!(pays(&conv));
+    let inputs = [&[][..], &[1.0; 9 * 256], &[1.0; 16]];
+    assert!(conv.forward(inputs).0.is_empty());
+    let [of_x, of_kernel, of_bias] = conv.backward(inputs, &(), &[], [true; 3]);
+    assert!(of_x.is_empty() && of_kernel == [0.0; 9 * 256] && of_bias == [0.0; 16]);
 }
 
 #[test]
