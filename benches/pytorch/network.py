@@ -1,6 +1,6 @@
 """Our network and PyTorch's version of it, one after the other: a training step and a prediction; see README.md.
 
-python network.py [--presets tiny small base fast best] [--threads 1 2] [--rounds 5] [--preload libjemalloc.so.2 ...]
+python network.py [--presets tiny small base fast best wide] [--threads 1 2] [--rounds 5] [--preload PATH ...]
 
 PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has
 mimalloc). The fastest counts, round by round. It runs eagerly. Both sides do forward and backward pass, a clip of the
@@ -22,8 +22,8 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-BATCH = {"tiny": 8, "small": 4, "base": 4, "fast": 8, "best": 4}
-STEPS = {"tiny": 30, "small": 15, "base": 6, "fast": 30, "best": 15}
+BATCH = {"tiny": 8, "small": 4, "base": 4, "fast": 8, "best": 4, "wide": 4}
+STEPS = {"tiny": 30, "small": 15, "base": 6, "fast": 30, "best": 15, "wide": 12}
 # The network itself is that of the package.
 sys.path.insert(0, str(ROOT / "python"))
 

@@ -12,9 +12,10 @@ PLANS = {
     "base": ([96, 192, 384], 2, 2, 256),
     "fast": ([32, 48, 64, 96], 1, 1, 64),
     "best": ([40, 80, 96, 144], 1, 2, 64),
+    "wide": ([64, 80, 96, 144], 1, 2, 64),
 }
 # Presets whose output at a pixel depends only on its surroundings.
-LOCAL = ("fast", "best")
+LOCAL = ("fast", "best", "wide")
 # Outputs with a shading factor.
 SHADED = ("shaded_means", "guided_means", "smoothed_means")
 # Outputs whose weights G-buffers guide.

@@ -37,6 +37,8 @@ enum Items {
     Unknown,
     /// All that a cell makes on a port, whatever they are.
     Of(usize, usize),
+    /// The same, with keys that may name cells of nodes before it: it gathers items of theirs.
+    Through(usize, usize),
     /// One.
     One,
     /// None beside these: what a cell lets through on a port.
@@ -51,6 +53,7 @@ impl Items {
         match self {
             Self::These(items) | Self::Among(items, ..) => Self::Among(items.clone(), cell, port),
             Self::One | Self::Of(..) | Self::Unknown => Self::Of(cell, port),
+            Self::Through(..) => Self::Through(cell, port),
         }
     }
 
@@ -59,7 +62,7 @@ impl Items {
         match self {
             Self::One => 1,
             Self::These(items) => items.len(),
-            Self::Among(..) | Self::Of(..) | Self::Unknown => 0,
+            Self::Among(..) | Self::Of(..) | Self::Through(..) | Self::Unknown => 0,
         }
     }
 }
@@ -73,7 +76,15 @@ fn may_meet(leading: &[(Source, Items)], others: &[(Source, Items)]) -> bool {
     let meets = |(source, items): &(Source, Items)| {
         others.iter().any(|(other, theirs)| other.prefix == source.prefix && same(items, theirs))
     };
-    leading.is_empty() || others.is_empty() || leading.iter().any(meets)
+    leading.is_empty()
+        || others.is_empty()
+        || [leading, others].into_iter().any(are_through)
+        || leading.iter().any(meets)
+}
+
+/// Whether keys of the items may begin with more than their prefix.
+fn are_through(sources: &[(Source, Items)]) -> bool {
+    sources.iter().any(|(_, items)| matches!(items, Items::Through(..)))
 }
 
 /// Adds what is sure to fail. `raw` and `drafts` are the nodes as written, `order` their places in the pipeline.
@@ -160,10 +171,13 @@ impl Eye<'_> {
         }
         if node.mode() != Mode::Map {
             let outlook = self.outlooks(&[whole]).pop().unwrap_or_default();
+            let of_cells =
+                inputs.iter().any(|given| given.iter().any(|(s, _)| !s.prefix.is_empty()) || are_through(given));
             let items = |place: usize, port: &tauflow_contract::OutputPort| match (node.mode(), listed) {
                 (Mode::Source, Some(items)) if port.filter => Items::Among(items.clone(), self.cell, place),
                 (Mode::Source, Some(items)) => Items::These(items.clone()),
                 (Mode::Gather, _) if port.single => Items::One,
+                (Mode::Gather, _) if of_cells => Items::Through(self.cell, place),
                 _ => Items::Of(self.cell, place),
             };
             let part = |(place, port): (usize, &tauflow_contract::OutputPort)| Part {
@@ -229,6 +243,7 @@ impl Eye<'_> {
         let same = |a: &Items, b: &Items| match (a, b) {
             (Items::These(a), Items::These(b)) => !a.is_disjoint(b),
             (Items::Of(cell, port), Items::Of(other, of))
+            | (Items::Through(cell, port), Items::Through(other, of))
             | (Items::Among(_, cell, port), Items::Among(_, other, of)) => (cell, port) == (other, of),
             _ => false,
         };
@@ -263,6 +278,10 @@ impl Eye<'_> {
 
     /// The items of one input must be among those of another.
     fn meet(&mut self, (driving, leading): (usize, &[(Source, Items)]), (at, others): (usize, &[(Source, Items)])) {
+        // Which of their items meet is not known.
+        if are_through(leading) || are_through(others) {
+            return;
+        }
         let cell = &self.pipeline.cells[self.cell];
         let node = &self.pipeline.nodes[cell.node];
         let [driver, port] = [driving, at].map(|input| node.spec.inputs[input].name);

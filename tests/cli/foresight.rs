@@ -197,6 +197,20 @@ fn axes_that_do_not_meet_and_several_items_for_one_are_found() {
 }
 
 #[test]
+fn items_that_a_node_gathers_from_cells_may_meet_items_of_these_cells() {
+    let libraries = "kind: scene_generation, matrix: { library: [0, 1] }, params: { pool: 8,";
+    let split = "  split: { kind: content_signature_split, inputs: { scenes: gate.accepted } }
+  train_ladders:
+    kind: ladder_rendering
+    inputs: { scenes: split.train }";
+    let edits = [
+        ("kind: scene_generation, params: { pool: 8,", libraries),
+        ("  train_ladders:\n    kind: ladder_rendering\n    inputs: { scenes: gate.accepted }", split),
+    ];
+    assert_eq!(told(&edits), "");
+}
+
+#[test]
 fn nodes_whose_items_have_the_same_keys_cannot_share_an_input() {
     let other = "  filtered: { kind: guided_filter, inputs: { endpoints: test_set }, params: { from: 2 } }
   filter_scores: { kind: image_metrics, inputs: { images: filtered, references: test_set } }

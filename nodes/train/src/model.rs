@@ -184,11 +184,12 @@ impl Model {
         self.network.slots().write(TensorFile::default().note("model", note), "", &self.weights)
     }
 
-    /// The weights, as the first ones of a training of a model `like` this one.
+    /// The weights, as the first ones of a training of a model `like` this one. Channels that this one lacks are drawn
+    /// from the seed.
     ///
     /// # Errors
     /// If the trained model would differ in what its weights mean.
-    pub(crate) fn into_weights_for(self, like: &ModelInfo) -> Result<Weights, KindError> {
+    pub(crate) fn into_weights_for(self, like: &ModelInfo, seed: u64) -> Result<Weights, KindError> {
         // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
         let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
         // Guided means are shaded means until the guide is learned, which starts as zeros. Smoothed means are nearly
@@ -199,9 +200,11 @@ impl Model {
             _ => false,
         };
         let output = |of: Output| if more { like.output } else { of };
+        let wider = like.preset.widens(self.info.preset);
+        let preset = |of: Preset| if wider { like.preset } else { of };
         let own = |info: &ModelInfo| {
             [
-                ("preset", info.preset.name().to_owned()),
+                ("preset", preset(info.preset).name().to_owned()),
                 ("conditioning", info.conditioning.name().into()),
                 ("parameterization", info.parameterization.name().into()),
                 ("space", info.space.name().into()),
@@ -211,8 +214,7 @@ impl Model {
             ]
         };
         match own(&self.info).into_iter().zip(own(like)).find(|(start, wanted)| start != wanted) {
-            None if more => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights)),
-            None => Ok(self.weights),
+            None => Ok(like.encoding()?.network().slots().adopt(self.network.slots(), &self.weights, seed)),
             Some(((param, start), (_, wanted))) => Err(KindError::Input(format!(
                 "the model on input `start` has `{param}: {start}`, but this training has `{param}: {wanted}`; give \
                 both the same `{param}`"
@@ -352,11 +354,10 @@ fn pad(image: &Image, (width, height): (usize, usize)) -> Cow<'_, [f32]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tauflow_data::time::INDEPENDENT_EXPONENT;
+    use tauflow_data::{rng::Stream, time::INDEPENDENT_EXPONENT};
 
-    #[test]
-    fn files_say_what_the_networks_numbers_are_where_they_are_not_as_ever() {
-        let info = |output| ModelInfo {
+    fn info(output: Output) -> ModelInfo {
+        ModelInfo {
             parameterization: Parameterization::McNoise,
             conditioning: Conditioning::Gbuffer,
             preset: Preset::Tiny,
@@ -369,7 +370,11 @@ mod tests {
             law: Law::Limits,
             exponent: INDEPENDENT_EXPONENT,
             sampler: SamplerKind::Independent,
-        };
+        }
+    }
+
+    #[test]
+    fn files_say_what_the_networks_numbers_are_where_they_are_not_as_ever() {
         for output in Output::ALL {
             let weights = info(output).encoding().expect("a ladder").network().slots().draw(3);
             let model = Model::new(info(output), weights, &Place::cpu()).expect("fits");
@@ -393,5 +398,35 @@ mod tests {
             let told = blind.encoding().expect_err("no G-buffers to guide").to_string();
             assert!(told.contains(output.name()), "{told}");
         }
+    }
+
+    #[test]
+    fn a_wider_network_starts_as_the_one_that_it_starts_from() {
+        let best = ModelInfo { preset: Preset::Best, unknown_counts: true, ..info(Output::SmoothedMeans) };
+        let wide = ModelInfo { preset: Preset::Wide, ..best.clone() };
+        // No weight is zero, or what it leads to would not be compared.
+        let mut weights = best.encoding().expect("a ladder").network().slots().draw(3);
+        for (slot, values) in weights.0.iter_mut().enumerate() {
+            let mut stream = Stream::new(5, &[slot as u64]);
+            values.iter_mut().filter(|value| **value == 0.0).for_each(|v| *v = stream.range(-0.05, 0.05) as f32);
+        }
+        let narrow = Model::new(best.clone(), weights, &Place::cpu()).expect("fits");
+        let state = Image::from_data(32, 16, 3, (0..1536).map(|i| (i % 37) as f32 / 37.0).collect()).expect("fits");
+        let gbuffer = Image::from_data(32, 16, 6, (0..3072).map(|i| (i % 53) as f32 / 53.0).collect()).expect("fits");
+        let of = |model: &Model| model.predict(&state, Some(&gbuffer), Some(0.25)).expect("fits");
+        let expected = of(&narrow);
+        assert!(expected.data().iter().any(|value| value.abs() > 0.1));
+        let copy = |model: &Model| Model::load(&model.to_bytes().expect("plain numbers")).expect("sound");
+        let [first, second] = [1, 2].map(|seed| copy(&narrow).into_weights_for(&wide, seed).expect("wider"));
+        assert!(first != second, "new channels are drawn");
+        let widened = Model::new(wide.clone(), first, &Place::cpu()).expect("fits");
+        assert!(widened.weights() > narrow.weights());
+        for (found, expected) in of(&widened).data().iter().zip(expected.data()) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+        let told = widened.into_weights_for(&best, 1).expect_err("narrower").to_string();
+        assert!(told.contains("`preset: wide`") && told.contains("`preset: best`"), "{told}");
+        let tiny = ModelInfo { preset: Preset::Tiny, ..best.clone() };
+        assert!(narrow.into_weights_for(&tiny, 1).is_err());
     }
 }

@@ -311,7 +311,7 @@ impl OneTraining<'_> {
     fn first_weights(&self, info: &ModelInfo) -> Result<Option<Weights>, KindError> {
         let Some((file, _)) = &self.start else { return Ok(None) };
         let bytes = file.load(self.ctx)?;
-        Model::load(&bytes.0)?.into_weights_for(info).map(Some)
+        Model::load(&bytes.0)?.into_weights_for(info, self.seed).map(Some)
     }
 
     fn exponent(&self) -> f64 {

@@ -28,6 +28,8 @@ pub enum Preset {
     Fast,
     /// About 1.5 million weights, local: for images of any size.
     Best,
+    /// About 1.7 million weights: `best` with more channels at the highest resolution, where details are decided.
+    Wide,
 }
 
 /// Sides of the windows of weights, from full resolution down: at blocks of 1, 2, 4 and 8 pixels.
@@ -38,7 +40,7 @@ const LARGER_SIDES: &[usize] = &[5, 3, 3, 3, 3];
 
 impl Preset {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Tiny, Self::Small, Self::Base, Self::Fast, Self::Best];
+    pub const ALL: [Self; 6] = [Self::Tiny, Self::Small, Self::Base, Self::Fast, Self::Best, Self::Wide];
 
     /// Its name in pipelines.
     pub fn name(self) -> &'static str {
@@ -48,6 +50,7 @@ impl Preset {
             Self::Base => "base",
             Self::Fast => "fast",
             Self::Best => "best",
+            Self::Wide => "wide",
         }
     }
 
@@ -55,7 +58,7 @@ impl Preset {
     pub(crate) fn bytes_per_pixel(self) -> u64 {
         match self {
             Self::Tiny | Self::Fast => 8 << 10,
-            Self::Small | Self::Best => 16 << 10,
+            Self::Small | Self::Best | Self::Wide => 16 << 10,
             Self::Base => 64 << 10,
         }
     }
@@ -73,10 +76,20 @@ impl Preset {
             Self::Base => Plan::normalised(&[96, 192, 384], 2, 2, 256),
             Self::Fast => Plan::local(&[32, 48, 64, 96], 1, 64),
             Self::Best => Plan::local(&[40, 80, 96, 144], 2, 64),
+            Self::Wide => Plan::local(&[64, 80, 96, 144], 2, 64),
         }
+    }
+
+    /// Whether the other differs from this one only in having fewer channels, or not at all.
+    pub(crate) fn widens(self, other: Self) -> bool {
+        let (own, other) = (self.plan(), other.plan());
+        own.widths.len() == other.widths.len()
+            && own.widths.iter().zip(other.widths).all(|(own, other)| own >= other)
+            && Plan { widths: other.widths, ..own } == other
     }
 }
 
+#[derive(PartialEq, Eq)]
 struct Plan {
     /// Channels at each resolution.
     widths: &'static [usize],
@@ -156,22 +169,23 @@ impl Unet {
         let plan = preset.plan();
         let mut build = Builder { slots: Slots::default(), embedding: plan.embedding };
         let time = [
-            build.layer("time.0", clock, plan.embedding, Start::Normal(2.0)),
-            build.layer("time.1", plan.embedding, plan.embedding, Start::Normal(2.0)),
+            build.layer("time.0", [1, clock], [1, plan.embedding], Start::Normal(2.0)),
+            build.layer("time.1", [1, plan.embedding], [1, plan.embedding], Start::Normal(2.0)),
         ];
         let stem = build.conv("stem", 4 * channels, plan.widths[0], Start::Normal(1.0));
         let (deepest, upper) = plan.widths.split_last().expect("a preset has resolutions");
         let mut down = Vec::new();
         for (i, width) in upper.iter().enumerate() {
             let blocks = build.blocks(&format!("down.{i}"), *width, &plan);
-            let resize = build.layer(&format!("down.{i}.out"), 4 * width, plan.widths[i + 1], Start::Normal(1.0));
+            let resize =
+                build.layer(&format!("down.{i}.out"), [4, *width], [1, plan.widths[i + 1]], Start::Normal(1.0));
             down.push(Level { blocks, resize, skip: None });
         }
         let middle = build.blocks("middle", *deepest, &plan);
         let mut up = Vec::new();
         for (i, width) in upper.iter().enumerate().rev() {
-            let resize = build.layer(&format!("up.{i}.in"), plan.widths[i + 1], 4 * width, Start::Normal(0.5));
-            let skip = build.layer(&format!("up.{i}.skip"), *width, *width, Start::Normal(0.5));
+            let resize = build.layer(&format!("up.{i}.in"), [1, plan.widths[i + 1]], [4, *width], Start::Normal(0.5));
+            let skip = build.layer(&format!("up.{i}.skip"), [1, *width], [1, *width], Start::Normal(0.5));
             up.push(Level { blocks: build.blocks(&format!("up.{i}"), *width, &plan), resize, skip: Some(skip) });
         }
         let last = build.modulation("last", plan.widths[0]);
@@ -249,17 +263,21 @@ struct Builder {
 }
 
 impl Builder {
-    fn layer(&mut self, name: &str, rows: usize, columns: usize, start: Start) -> Layer {
-        let kernel = self.slots.add(format!("{name}.kernel"), [rows, columns], start);
-        Layer { kernel, bias: self.slots.add(format!("{name}.bias"), [1, columns], Start::Zero) }
+    /// Rows and columns are so many times as many channels.
+    fn layer(&mut self, name: &str, rows: [usize; 2], columns: [usize; 2], start: Start) -> Layer {
+        let ([times, inputs], [repeats, outputs]) = (rows, columns);
+        let shape = [times * inputs, repeats * outputs];
+        let kernel = self.slots.add_parts(format!("{name}.kernel"), [times, repeats], shape, start);
+        let bias = self.slots.add_parts(format!("{name}.bias"), [1, repeats], [1, shape[1]], Start::Zero);
+        Layer { kernel, bias }
     }
 
     fn conv(&mut self, name: &str, inputs: usize, outputs: usize, start: Start) -> Layer {
-        self.layer(name, 9 * inputs, outputs, start)
+        self.layer(name, [9, inputs], [1, outputs], start)
     }
 
     fn modulation(&mut self, name: &str, channels: usize) -> Layer {
-        self.layer(&format!("{name}.time"), self.embedding, 2 * channels, Start::Normal(0.1))
+        self.layer(&format!("{name}.time"), [1, self.embedding], [2, channels], Start::Normal(0.1))
     }
 
     fn blocks(&mut self, name: &str, channels: usize, plan: &Plan) -> Vec<Block> {
@@ -320,6 +338,7 @@ mod tests {
         assert!((10_000_000..15_000_000).contains(&sizes[2]), "{sizes:?}");
         assert!((420_000..500_000).contains(&sizes[3]), "{sizes:?}");
         assert!((1_200_000..1_500_000).contains(&sizes[4]), "{sizes:?}");
+        assert!((1_400_000..1_800_000).contains(&sizes[5]), "{sizes:?}");
     }
 
     #[test]

@@ -23,8 +23,18 @@ pub struct Slot {
     pub name: String,
     /// Rows and columns.
     pub shape: [usize; 2],
+    /// The equal parts that rows and columns consist of, each with all channels: nine of the rows of a 3x3 kernel.
+    pub parts: [usize; 2],
     /// How it starts.
     pub start: Start,
+}
+
+impl Slot {
+    /// Where a row (axis 0) or column (axis 1) of this slot lies in one whose parts are of so many channels or more.
+    fn place(&self, axis: usize, at: usize, wider: &Self) -> usize {
+        let [own, wide] = [self, wider].map(|slot| slot.shape[axis] / slot.parts[axis]);
+        at / own * wide + at % own
+    }
 }
 
 /// The matrices of a network in the order in which it names them.
@@ -34,7 +44,16 @@ pub struct Slots(Vec<Slot>);
 impl Slots {
     /// Adds one; returns its index.
     pub fn add(&mut self, name: String, shape: [usize; 2], start: Start) -> usize {
-        self.0.push(Slot { name, shape, start });
+        self.add_parts(name, [1, 1], shape, start)
+    }
+
+    /// Adds one whose rows and columns consist of so many equal parts, each with all channels; returns its index.
+    ///
+    /// # Panics
+    /// If the shape cannot be parted so.
+    pub fn add_parts(&mut self, name: String, parts: [usize; 2], shape: [usize; 2], start: Start) -> usize {
+        assert!(shape.iter().zip(parts).all(|(size, parts)| size.is_multiple_of(parts)), "`{name}` in equal parts");
+        self.0.push(Slot { name, shape, parts, start });
         self.0.len() - 1
     }
 
@@ -66,20 +85,35 @@ impl Slots {
         Weights(values.collect())
     }
 
-    /// The weights of another network for this one, by name. Matrices that the other lacks start as zeros.
+    /// The weights of another network for this one, by name, so that both compute the same. Matrices that the other
+    /// lacks start as zeros. Channels that it lacks start as in [`Slots::draw`], but all weights that multiply them are
+    /// zero.
     ///
     /// # Panics
-    /// If it lacks a matrix that does not, or has one that this network does not use.
-    pub fn adopt(&self, other: &Self, weights: &Weights) -> Weights {
+    /// If it lacks a matrix that does not start as zeros, has one that this network does not use, or has more channels.
+    pub fn adopt(&self, other: &Self, weights: &Weights, seed: u64) -> Weights {
         let mut adopted = 0;
-        let matrices = self.0.iter().map(|slot| {
-            let same = other.0.iter().position(|own| own.name == slot.name && own.shape == slot.shape);
-            let Some(at) = same else {
+        let matrices = self.0.iter().zip(self.draw(seed).0).map(|(slot, drawn)| {
+            let Some(at) = other.0.iter().position(|own| own.name == slot.name && own.parts == slot.parts) else {
                 assert_eq!(slot.start, Start::Zero, "`{}` is new", slot.name);
-                return vec![0.0; slot.shape[0] * slot.shape[1]];
+                return drawn;
             };
             adopted += 1;
-            weights.0[at].clone()
+            let own = &other.0[at];
+            assert!((0..2).all(|axis| own.shape[axis] <= slot.shape[axis]), "`{}` has fewer channels", slot.name);
+            if own.shape == slot.shape {
+                return weights.0[at].clone();
+            }
+            let columns: Vec<usize> = (0..own.shape[1]).map(|column| own.place(1, column, slot)).collect();
+            let mut matrix = drawn;
+            for row in matrix.chunks_exact_mut(slot.shape[1]) {
+                columns.iter().for_each(|column| row[*column] = 0.0);
+            }
+            for (row, values) in weights.0[at].chunks_exact(own.shape[1]).enumerate() {
+                let first = own.place(0, row, slot) * slot.shape[1];
+                columns.iter().zip(values).for_each(|(column, value)| matrix[first + column] = *value);
+            }
+            matrix
         });
         let matrices = matrices.collect();
         assert_eq!(adopted, other.0.len(), "each matrix has its place");
