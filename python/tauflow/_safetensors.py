@@ -10,11 +10,14 @@ import numpy as np
 
 from ._errors import TauflowError
 
-_TYPES = {"F16": "<f2", "F32": "<f4", "F64": "<f8", "I64": "<i8", "I32": "<i4", "U8": "u1"}
+_TYPES = {"F16": "<f2", "F32": "<f4", "F64": "<f8", "I64": "<i8", "I32": "<i4", "U8": "u1", "I8": "i1"}
 
 
 def read(path: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
-    """The tensors of a file by name, and its notes. Raises TauflowError if it is missing or damaged."""
+    """The tensors of a file by name, and its notes; integers of 8 bits are multiplied by their `NAME.scale`.
+
+    Raises TauflowError if the file is missing or damaged.
+    """
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -29,6 +32,11 @@ def read(path: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
     try:
         notes = header.pop("__metadata__", {})
         tensors = {name: _tensor(path, name, entry, data) for name, entry in header.items()}
+        for name in [name for name, tensor in tensors.items() if tensor.dtype == np.int8]:
+            scale = tensors.pop(f"{name}.scale")
+            if tensors[name].ndim != 2 or scale.shape != (1, tensors[name].shape[1]):
+                raise ValueError(f"`{name}.scale` does not fit")
+            tensors[name] = tensors[name].astype(np.float32) * scale
     except (TypeError, KeyError, AttributeError, ValueError):
         raise TauflowError(f"{path}: the header is damaged; export the file again") from None
     return tensors, notes

@@ -53,6 +53,10 @@ nodes:
     matrix: { parameterization: [vanilla_rf, local_velocity] }
     inputs: { train: packed }
     params: { preset: tiny, steps: 2, batch: 2, crop: 16, conditioning: rgb, law: limits }
+  rounded:
+    kind: model_rounding
+    matrix: { coarse: [half, integers] }
+    inputs: { model: "local[conditioning=gbuffer].model" }
 """
 
 
@@ -65,10 +69,11 @@ def place(tmp_path_factory):
         done = subprocess.run([tauflow.program(), *map(str, words)], cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
-    targets = ["--target", "solvers", "--target", "local", "--target", "plain", "--target", "older"]
+    targets = [word for node in ["solvers", "local", "plain", "older", "rounded"] for word in ("--target", node)]
     command("run", "learned.yaml", "--cache", "cache", *targets)
     command("checkpoints", "learned.yaml", "--cache", "cache", "-o", "models")
     command("export", "learned.yaml", "packed", "--cache", "cache", "-o", "packed")
+    command("export", "learned.yaml", "rounded", "--cache", "cache", "-o", "rounded")
     return folder, command
 
 
@@ -127,6 +132,12 @@ def same_as_refine(place, model):
         found = solver.refine(image, 1, gbuffer=gbuffer, nfe=nfe)
         assert np.abs(found - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
     return solver
+
+
+@pytest.mark.parametrize("coarse", ["half", "integers"])
+def test_rounded_models_are_those_of_refine(place, coarse):
+    model, = place[0].glob(f"rounded/**/coarse={coarse}*/**/model.safetensors")
+    same_as_refine(place, model)
 
 
 def test_plain_features_and_earlier_laws_are_those_of_refine(place):

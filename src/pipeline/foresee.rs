@@ -9,13 +9,14 @@ use crate::{
     ids::Id,
 };
 use std::{
+    borrow::Cow,
     collections::{BTreeSet, HashMap, HashSet},
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
 };
 use tauflow_contract::{At, Facts, Foreseen, ItemKey, Known, Mode, Outlook, Source, Takes};
 
-/// All outputs together have at most so many parts; beyond that, nothing is foreseen.
+/// All outputs together have at most so many parts and prefixes within them; beyond that, nothing is foreseen.
 const MOST_PARTS: usize = 200_000;
 /// After so many problems of a node no more are looked for.
 const ENOUGH: usize = 10;
@@ -37,8 +38,9 @@ enum Items {
     Unknown,
     /// All that a cell makes on a port, whatever they are.
     Of(usize, usize),
-    /// The same, with keys that may name cells of nodes before it: it gathers items of theirs.
-    Through(usize, usize),
+    /// The same. The cell gathers items of other cells and may pass them on with their keys, so that keys of its items
+    /// may begin with any of these prefixes.
+    Through(usize, usize, Arc<BTreeSet<String>>),
     /// One.
     One,
     /// None beside these: what a cell lets through on a port.
@@ -53,7 +55,7 @@ impl Items {
         match self {
             Self::These(items) | Self::Among(items, ..) => Self::Among(items.clone(), cell, port),
             Self::One | Self::Of(..) | Self::Unknown => Self::Of(cell, port),
-            Self::Through(..) => Self::Through(cell, port),
+            Self::Through(.., within) => Self::Through(cell, port, within.clone()),
         }
     }
 
@@ -73,18 +75,45 @@ fn may_meet(leading: &[(Source, Items)], others: &[(Source, Items)]) -> bool {
         (Items::These(a) | Items::Among(a, ..), Items::These(b) | Items::Among(b, ..)) => !a.is_disjoint(b),
         _ => true,
     };
-    let meets = |(source, items): &(Source, Items)| {
-        others.iter().any(|(other, theirs)| other.prefix == source.prefix && same(items, theirs))
-    };
-    leading.is_empty()
-        || others.is_empty()
-        || [leading, others].into_iter().any(are_through)
-        || leading.iter().any(meets)
+    let meets = |own: &(Source, Items)| others.iter().any(|other| share_prefix(own, other) && same(&own.1, &other.1));
+    leading.is_empty() || others.is_empty() || leading.iter().any(meets)
 }
 
-/// Whether keys of the items may begin with more than their prefix.
-fn are_through(sources: &[(Source, Items)]) -> bool {
-    sources.iter().any(|(_, items)| matches!(items, Items::Through(..)))
+/// What keys of the items may begin with, before the key of the item in its own cell.
+fn prefixes((source, items): &(Source, Items)) -> Vec<Cow<'_, str>> {
+    match items {
+        Items::Through(.., within) => within.iter().map(|prefix| joined(&source.prefix, prefix)).collect(),
+        _ => vec![Cow::Borrowed(source.prefix.as_str())],
+    }
+}
+
+/// A prefix in front of another; either may be empty.
+fn joined<'a>(outer: &'a str, inner: &'a str) -> Cow<'a, str> {
+    match (outer, inner) {
+        (outer, "") => Cow::Borrowed(outer),
+        ("", inner) => Cow::Borrowed(inner),
+        (outer, inner) => Cow::Owned(format!("{outer}/{inner}")),
+    }
+}
+
+/// Whether keys of the items may begin with this.
+fn may_begin((source, items): &(Source, Items), prefix: &str) -> bool {
+    let Items::Through(.., within) = items else { return source.prefix == prefix };
+    let inner = match source.prefix.as_str() {
+        "" => Some(prefix),
+        outer if outer == prefix => Some(""),
+        outer => prefix.strip_prefix(outer).and_then(|rest| rest.strip_prefix('/')),
+    };
+    inner.is_some_and(|inner| within.contains(inner))
+}
+
+/// Whether keys of both may begin alike.
+fn share_prefix(own: &(Source, Items), other: &(Source, Items)) -> bool {
+    match (&own.1, &other.1) {
+        (Items::Through(..), Items::Through(..)) => prefixes(own).iter().any(|prefix| may_begin(other, prefix)),
+        (Items::Through(..), _) => may_begin(own, &other.0.prefix),
+        _ => may_begin(other, &own.0.prefix),
+    }
 }
 
 /// Adds what is sure to fail. `raw` and `drafts` are the nodes as written, `order` their places in the pipeline.
@@ -113,7 +142,11 @@ pub(super) fn foresee(
                 };
                 problems.push(Problem::at(span, message).hint(hint));
             }
-            count += outputs.iter().map(Vec::len).sum::<usize>();
+            let size = |part: &Part| match &part.items {
+                Items::Through(.., within) => within.len(),
+                _ => 1,
+            };
+            count += outputs.iter().flatten().map(size).sum::<usize>();
             made.push(outputs);
         }
         if count > MOST_PARTS {
@@ -135,9 +168,9 @@ fn input_span(raw: &RawNode, port: &str) -> Span {
     input.map_or(raw.name.span, |input| input.refs.first().map_or(input.port.span, |key| key.span))
 }
 
-/// The collections that have a prefix as one, with the facts that all of them share.
-fn merged(sources: &[(Source, Items)], prefix: &str) -> Vec<Source> {
-    let mut of = sources.iter().map(|(source, _)| source).filter(|source| source.prefix == prefix);
+/// The collections whose items may meet those of `leading` as one, with the facts that all of them share.
+fn merged(sources: &[(Source, Items)], leading: &(Source, Items)) -> Vec<Source> {
+    let mut of = sources.iter().filter(|source| share_prefix(source, leading)).map(|(source, _)| source);
     let Some(first) = of.next() else { return Vec::new() };
     let facts = of.fold(first.facts.clone(), |facts, other| facts.shared(&other.facts));
     vec![Source { facts, ..first.clone() }]
@@ -171,13 +204,14 @@ impl Eye<'_> {
         }
         if node.mode() != Mode::Map {
             let outlook = self.outlooks(&[whole]).pop().unwrap_or_default();
-            let of_cells =
-                inputs.iter().any(|given| given.iter().any(|(s, _)| !s.prefix.is_empty()) || are_through(given));
+            // It may also make keys of its own.
+            let within: BTreeSet<String> = inputs.iter().flatten().flat_map(prefixes).map(Cow::into_owned).collect();
+            let within = Arc::new(within.into_iter().chain([String::new()]).collect::<BTreeSet<_>>());
             let items = |place: usize, port: &tauflow_contract::OutputPort| match (node.mode(), listed) {
                 (Mode::Source, Some(items)) if port.filter => Items::Among(items.clone(), self.cell, place),
                 (Mode::Source, Some(items)) => Items::These(items.clone()),
                 (Mode::Gather, _) if port.single => Items::One,
-                (Mode::Gather, _) if of_cells => Items::Through(self.cell, place),
+                (Mode::Gather, _) if within.len() > 1 => Items::Through(self.cell, place, within.clone()),
                 _ => Items::Of(self.cell, place),
             };
             let part = |(place, port): (usize, &tauflow_contract::OutputPort)| Part {
@@ -200,10 +234,10 @@ impl Eye<'_> {
         // The known facts about the items of each prefix.
         let known: Vec<Known> = inputs[*driving]
             .iter()
-            .map(|(leading, _)| {
-                let start = whole.clone().with(node.spec.inputs[*driving].name, vec![leading.clone()]);
+            .map(|leading| {
+                let start = whole.clone().with(node.spec.inputs[*driving].name, vec![leading.0.clone()]);
                 others.iter().fold(start, |known, port| {
-                    known.with(node.spec.inputs[*port].name, merged(&inputs[*port], &leading.prefix))
+                    known.with(node.spec.inputs[*port].name, merged(&inputs[*port], leading))
                 })
             })
             .collect();
@@ -243,7 +277,7 @@ impl Eye<'_> {
         let same = |a: &Items, b: &Items| match (a, b) {
             (Items::These(a), Items::These(b)) => !a.is_disjoint(b),
             (Items::Of(cell, port), Items::Of(other, of))
-            | (Items::Through(cell, port), Items::Through(other, of))
+            | (Items::Through(cell, port, _), Items::Through(other, of, _))
             | (Items::Among(_, cell, port), Items::Among(_, other, of)) => (cell, port) == (other, of),
             _ => false,
         };
@@ -278,37 +312,38 @@ impl Eye<'_> {
 
     /// The items of one input must be among those of another.
     fn meet(&mut self, (driving, leading): (usize, &[(Source, Items)]), (at, others): (usize, &[(Source, Items)])) {
-        // Which of their items meet is not known.
-        if are_through(leading) || are_through(others) {
-            return;
-        }
         let cell = &self.pipeline.cells[self.cell];
         let node = &self.pipeline.nodes[cell.node];
         let [driver, port] = [driving, at].map(|input| node.spec.inputs[input].name);
-        let mut of: HashMap<&str, &Items> = HashMap::new();
-        for (source, items) in others {
-            // The items of several collections are not looked at.
-            let several = |known: &mut &Items| *known = &Items::Unknown;
-            of.entry(&source.prefix).and_modify(several).or_insert(items);
+        let mut of: HashMap<Cow<'_, str>, &Items> = HashMap::new();
+        for other in others {
+            for prefix in prefixes(other) {
+                // The items of several collections are not looked at.
+                let several = |known: &mut &Items| *known = &Items::Unknown;
+                of.entry(prefix).and_modify(several).or_insert(&other.1);
+            }
         }
-        for (source, items) in leading {
-            let Some(theirs) = of.get(source.prefix.as_str()) else {
+        for own in leading {
+            let Some(theirs) = prefixes(own).iter().find_map(|prefix| of.get(prefix)) else {
                 let cells = |prefix: &str| match prefix {
                     "" => "no cell".to_owned(),
                     prefix => format!("the cell `{}`", prefix.replace('+', ", ")),
                 };
-                let other = others.first().map(|(source, _)| source.prefix.as_str()).unwrap_or_default();
+                let named = |of: &(Source, Items)| {
+                    prefixes(of).iter().find(|prefix| !prefix.is_empty()).map(|prefix| prefix.to_string())
+                };
+                let [other, own] = [others.first(), Some(own)].map(|of| of.and_then(named).unwrap_or_default());
                 let message = format!(
                     "no item of the input `{port}` meets one of `{driver}`: the keys of `{port}` name {}, those of \
                      `{driver}` {}",
-                    cells(other),
-                    cells(&source.prefix)
+                    cells(&other),
+                    cells(&own)
                 );
                 let hint = self.joined(driving, at);
                 self.found.push(Foreseen { at: At::Input(port), message, hint });
                 return;
             };
-            if let (Items::These(own), Items::These(theirs) | Items::Among(theirs, ..)) = (items, theirs)
+            if let (Items::These(own), Items::These(theirs) | Items::Among(theirs, ..)) = (&own.1, *theirs)
                 && let Some(key) = own.difference(theirs).next()
             {
                 let message = format!("the input `{port}` has no item `{key}`, which the input `{driver}` has");

@@ -208,6 +208,33 @@ fn items_that_a_node_gathers_from_cells_may_meet_items_of_these_cells() {
         ("  train_ladders:\n    kind: ladder_rendering\n    inputs: { scenes: gate.accepted }", split),
     ];
     assert_eq!(told(&edits), "");
+    // Facts of the items that may meet are known: G-buffers of the cells.
+    let gbuffers = [
+        ("{ ladders: train_ladders, exposure", "{ ladders: train_ladders, gbuffers: test_ladders.gbuffer, exposure"),
+        ("steps: 2, conditioning: rgb", "steps: 2, conditioning: gbuffer"),
+    ];
+    assert_eq!(told(&[&edits[..], &gbuffers].concat()), "");
+    // What cannot meet is still found: cells of another axis, and a cell before the gathered ones.
+    let other = "  other:
+    kind: ladder_rendering
+    matrix: { stream: [2, 3] }
+    inputs: { scenes: split.train }
+    params: { rungs: [1], resolution: [32, 32] }
+  solvers:";
+    let gathered = [
+        ("  solvers:", other),
+        ("{ ladders: train_ladders, exposure", "{ ladders: train_ladders, gbuffers: other.gbuffer, exposure"),
+    ];
+    let said = told(&[&edits[..], &gathered].concat());
+    assert!(said.contains("no item of the input `gbuffers` meets one of `ladders`"), "{said}");
+    assert!(said.contains("`gbuffers` name the cell `stream=2`, those of `ladders` the cell `library=0`"), "{said}");
+    let test = (
+        "    inputs: { scenes: gate.accepted }\n    params: { rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1 }",
+        "    inputs: { scenes: split.test }\n    params: { rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1 }",
+    );
+    let axis = [test, ("    matrix: { like: refined }\n", "")];
+    let said = told(&[&edits[..], &axis].concat());
+    assert!(said.contains("no item of the input `references` meets one of `images`"), "{said}");
 }
 
 #[test]

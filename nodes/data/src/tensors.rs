@@ -74,33 +74,36 @@ impl TensorFile {
     /// # Errors
     /// If a shape does not fit its data.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DataError> {
-        self.written(Dtype::F32, f32::to_le_bytes)
+        self.written(self.tensors.iter().map(|(name, tensor)| Raw::singles(name, tensor)).collect())
     }
 
-    /// The same with all values rounded to half precision, in half of the bytes.
+    /// The same with values rounded to half precision, in half of the bytes. Matrices that `integers` names become
+    /// integers of 8 bits, times a number for each column that the tensor `NAME.scale` holds.
     ///
     /// # Errors
-    /// If a shape does not fit its data, or a value exceeds half precision.
-    pub fn to_half_bytes(&self) -> Result<Vec<u8>, DataError> {
+    /// If a shape does not fit its data, a value exceeds half precision, one that becomes an integer is not finite, or
+    /// there is a tensor `NAME.scale` already.
+    pub fn to_rounded_bytes(&self, integers: impl Fn(&str) -> bool) -> Result<Vec<u8>, DataError> {
+        let mut raw = Vec::with_capacity(self.tensors.len());
         for (name, tensor) in &self.tensors {
-            if let Some(value) = tensor.data.iter().find(|value| !half::f16::from_f32(**value).is_finite()) {
-                return Err(DataError::Format(format!("{value} of tensor `{name}` exceeds half precision (65504)")));
+            if integers(name) {
+                if self.tensors.contains_key(&scale_of(name)) {
+                    return Err(DataError::Format(format!("there is a tensor `{}` already", scale_of(name))));
+                }
+                raw.extend(Raw::integers(name, tensor)?);
+            } else {
+                raw.push(Raw::halves(name, tensor)?);
             }
         }
-        self.written(Dtype::F16, |value| half::f16::from_f32(value).to_le_bytes())
+        self.written(raw)
     }
 
-    fn written<const N: usize>(&self, dtype: Dtype, bytes: impl Fn(f32) -> [u8; N]) -> Result<Vec<u8>, DataError> {
-        let raw: Vec<(&String, &Vec<usize>, Vec<u8>)> = self
-            .tensors
-            .iter()
-            .map(|(name, t)| (name, &t.shape, t.data.iter().flat_map(|v| bytes(*v)).collect()))
-            .collect();
+    fn written(&self, raw: Vec<Raw>) -> Result<Vec<u8>, DataError> {
         let mut views = Vec::with_capacity(raw.len());
-        for (name, shape, bytes) in &raw {
-            let view = TensorView::new(dtype, (*shape).clone(), bytes)
+        for Raw { name, dtype, shape, bytes } in &raw {
+            let view = TensorView::new(*dtype, shape.clone(), bytes)
                 .map_err(|e| DataError::Format(format!("tensor `{name}`: {e}")))?;
-            views.push(((*name).clone(), view));
+            views.push((name.clone(), view));
         }
         // The format writes metadata in hash order: one note holding JSON keeps the bytes the same.
         let notes = (!self.metadata.is_empty()).then(|| {
@@ -120,7 +123,8 @@ impl TensorFile {
         Ok(header.info(name).map(|tensor| tensor.shape.clone()))
     }
 
-    /// Reads safetensors bytes. Tensors of f32 are read as they are, those of f16 exactly; a byte `k` is `k / 255`.
+    /// Reads safetensors bytes. Tensors of f32 are read as they are, those of f16 exactly; an unsigned byte `k` is
+    /// `k / 255`. A matrix of signed bytes is multiplied by its `NAME.scale`, which is not a tensor of its own then.
     ///
     /// # Errors
     /// If they are damaged or hold another type.
@@ -137,21 +141,98 @@ impl TensorFile {
                 out.metadata = notes.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
             }
         }
+        let mut scaled = Vec::new();
         for (name, view) in file.tensors() {
             let raw = view.data();
             let data = match view.dtype() {
                 Dtype::F32 => raw.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect(),
                 Dtype::F16 => raw.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect(),
                 Dtype::U8 => raw.iter().map(|k| of_byte(*k)).collect(),
+                Dtype::I8 => {
+                    scaled.push(name.clone());
+                    raw.iter().map(|k| f32::from(k.cast_signed())).collect()
+                }
                 other => {
-                    let told = format!("tensor `{name}` is {other:?}, expected F32, F16 or U8");
+                    let told = format!("tensor `{name}` is {other:?}, expected F32, F16, U8 or I8");
                     return Err(DataError::Format(told));
                 }
             };
             out.tensors.insert(name, Tensor { shape: view.shape().to_vec(), data });
         }
+        for name in scaled {
+            let scale = scale_of(&name);
+            let single = file.tensor(&scale).is_ok_and(|view| view.dtype() == Dtype::F32);
+            let scales = out.tensors.remove(&scale).filter(|_| single);
+            let (Some(scales), Some(tensor)) = (scales, out.tensors.get_mut(&name)) else {
+                return Err(DataError::Format(format!("tensor `{name}` is I8, but there is no `{scale}` of F32")));
+            };
+            if tensor.shape.len() != 2 || scales.shape != [1, tensor.shape[1]] {
+                return Err(DataError::Format(format!(
+                    "tensor `{name}` has shape {:?}, which does not fit the shape {:?} of `{scale}`",
+                    tensor.shape, scales.shape
+                )));
+            }
+            for row in tensor.data.chunks_exact_mut(scales.data.len().max(1)) {
+                row.iter_mut().zip(&scales.data).for_each(|(value, scale)| *value *= scale);
+            }
+        }
         Ok(out)
     }
+}
+
+/// A tensor as a file holds it.
+struct Raw {
+    name: String,
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+impl Raw {
+    fn singles(name: &str, tensor: &Tensor) -> Self {
+        let bytes = tensor.data.iter().flat_map(|value| value.to_le_bytes()).collect();
+        Self { name: name.to_owned(), dtype: Dtype::F32, shape: tensor.shape.clone(), bytes }
+    }
+
+    fn halves(name: &str, tensor: &Tensor) -> Result<Self, DataError> {
+        if let Some(value) = tensor.data.iter().find(|value| !half::f16::from_f32(**value).is_finite()) {
+            return Err(DataError::Format(format!("{value} of tensor `{name}` exceeds half precision (65504)")));
+        }
+        let bytes = tensor.data.iter().flat_map(|value| half::f16::from_f32(*value).to_le_bytes()).collect();
+        Ok(Self { name: name.to_owned(), dtype: Dtype::F16, shape: tensor.shape.clone(), bytes })
+    }
+
+    /// A matrix as integers from -127 to 127, and the number for each column that they are multiplied with.
+    fn integers(name: &str, tensor: &Tensor) -> Result<[Self; 2], DataError> {
+        let [rows, columns] = tensor.shape[..] else {
+            return Err(DataError::Format(format!("tensor `{name}` has {} axes, a matrix has 2", tensor.shape.len())));
+        };
+        if tensor.data.len() != rows * columns {
+            return Err(DataError::Format(format!("tensor `{name}`: its shape does not fit its data")));
+        }
+        if let Some(value) = tensor.data.iter().find(|value| !(value.abs() < f32::MAX / 2.0)) {
+            return Err(DataError::Format(format!("{value} of tensor `{name}` cannot become an integer")));
+        }
+        let mut most = vec![0.0f32; columns];
+        for row in tensor.data.chunks_exact(columns.max(1)) {
+            most.iter_mut().zip(row).for_each(|(most, value)| *most = most.max(value.abs()));
+        }
+        // Rounded up to 17 significant bits: products with integers are exact, so that rounding twice changes nothing.
+        let scales: Vec<f32> =
+            most.iter().map(|most| f32::from_bits(((most / 127.0).to_bits() + 0x7f) & !0x7f)).collect();
+        let integer =
+            |(value, scale): (&f32, &f32)| if *scale >= f32::MIN_POSITIVE { (value / scale).round() as i8 } else { 0 };
+        let rows = tensor.data.chunks_exact(columns.max(1));
+        let bytes = rows.flat_map(|row| row.iter().zip(&scales).map(integer)).map(i8::cast_unsigned).collect();
+        let whole = Self { name: name.to_owned(), dtype: Dtype::I8, shape: tensor.shape.clone(), bytes };
+        let scales = Tensor { shape: vec![1, columns], data: scales };
+        Ok([whole, Self::singles(&scale_of(name), &scales)])
+    }
+}
+
+/// The name of the tensor that holds what the columns of a matrix of integers are multiplied with.
+fn scale_of(name: &str) -> String {
+    format!("{name}.scale")
 }
 
 fn unreadable(error: safetensors::SafeTensorError) -> DataError {
@@ -254,6 +335,40 @@ mod tests {
     }
 
     #[test]
+    fn matrices_of_integers_are_near_and_rounding_twice_changes_nothing() {
+        let values: Vec<f32> = (0..600).map(|i| ((i * i) as f32).sin() * if i % 3 == 0 { 1e5 } else { 0.3 }).collect();
+        let zeros = |column: usize| (0..600).map(move |i| if i % 3 == column { 0.0 } else { 1.0 });
+        let values: Vec<f32> = values.iter().zip(zeros(2)).map(|(value, keep)| value * keep).collect();
+        let file = TensorFile::default().with("a", &[200, 3], values.clone()).with("b", &[1], vec![0.1]);
+        let rounded = |file: &TensorFile| file.to_rounded_bytes(|name| name == "a").expect("fits");
+        let bytes = rounded(&file);
+        let back = TensorFile::from_bytes(&bytes).expect("own bytes");
+        assert_eq!(back.tensors.keys().collect::<Vec<_>>(), ["a", "b"]);
+        for (column, most) in [(0, 1e5), (1, 0.3), (2, 0.0)] {
+            for (found, value) in back.tensors["a"].data.iter().zip(&values).skip(column).step_by(3) {
+                assert!((found - value).abs() <= most / 253.9, "{column}: {found} {value}");
+            }
+        }
+        assert_eq!(rounded(&back), bytes);
+        assert!(bytes.len() < 600 + 500, "{}", bytes.len());
+        assert!(file.to_rounded_bytes(|_| true).is_err(), "a vector is no matrix");
+        for (name, value) in [("a", f32::NAN), ("a", f32::INFINITY), ("a.scale", 1.0)] {
+            let file = TensorFile::default().with("a", &[1, 1], vec![0.5]).with(name, &[1, 1], vec![value]);
+            assert!(file.to_rounded_bytes(|name| name == "a").is_err(), "{name} {value}");
+        }
+        // Without its scales, or with those of another matrix, it is told.
+        let view = |shape: &[usize], bytes| TensorView::new(Dtype::I8, shape.to_vec(), bytes).expect("fits");
+        let alone = safetensors::serialize([("a", view(&[1, 2], &[1, 255]))], None).expect("serialises");
+        let told = TensorFile::from_bytes(&alone).expect_err("no scales").to_string();
+        assert!(told.contains("`a` is I8, but there is no `a.scale` of F32"), "{told}");
+        let one = 1.0f32.to_le_bytes();
+        let scale = TensorView::new(Dtype::F32, vec![1, 1], &one).expect("fits");
+        let other = safetensors::serialize([("a", view(&[1, 2], &[1, 255])), ("a.scale", scale)], None);
+        let told = TensorFile::from_bytes(&other.expect("serialises")).expect_err("one scale").to_string();
+        assert!(told.contains("does not fit"), "{told}");
+    }
+
+    #[test]
     fn bytes_round_trip_and_are_stable() {
         let file = TensorFile::default()
             .with("b", &[2, 2], vec![1.0, -2.0, 3.5, f32::MIN_POSITIVE])
@@ -272,10 +387,11 @@ mod tests {
             let error = Image::from_bytes(&empty).expect_err("nothing in it").to_string();
             assert!(error.contains("holds nothing"), "{error}");
         }
-        let halves = TensorFile::from_bytes(&file.to_half_bytes().expect("small numbers")).expect("own bytes");
+        let halved = |file: &TensorFile| file.to_rounded_bytes(|_| false);
+        let halves = TensorFile::from_bytes(&halved(&file).expect("small numbers")).expect("own bytes");
         assert_eq!((&halves.metadata, &halves.tensors["b"].data), (&file.metadata, &vec![1.0, -2.0, 3.5, 0.0]));
-        assert_eq!(halves.to_half_bytes().expect("small numbers"), file.to_half_bytes().expect("small numbers"));
-        let large = TensorFile::default().with("large", &[1], vec![1e5]).to_half_bytes().expect_err("too large");
+        assert_eq!(halved(&halves).expect("small numbers"), halved(&file).expect("small numbers"));
+        let large = halved(&TensorFile::default().with("large", &[1], vec![1e5])).expect_err("too large");
         assert!(large.to_string().contains("`large`"), "{large}");
         let image = Image::from_data(2, 1, 3, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).expect("fits");
         assert_eq!(Image::from_bytes(&image.to_bytes()).expect("own bytes"), image);

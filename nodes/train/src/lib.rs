@@ -23,7 +23,7 @@ pub use device::{NetworkDevice, Place};
 pub use law::{Factors, Law};
 pub use mirrors::Mirrored;
 pub use model::{Model, ModelInfo};
-pub use model_rounding::{ModelRounding, ModelRoundingParams};
+pub use model_rounding::{ModelRounding, ModelRoundingParams, Precision};
 pub use network::{Features, Loss, Output, Preset};
 pub use network_calls::NetworkCalls;
 pub use refinement::{Refinement, RefinementParams};

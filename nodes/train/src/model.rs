@@ -4,6 +4,7 @@
 use crate::{
     device::Place,
     law::{Factors, Law},
+    model_rounding::Precision,
     network::{
         Features, Output, Preset,
         features::{Encoding, Sample},
@@ -171,12 +172,12 @@ impl Model {
         Ok(self.file().to_bytes()?)
     }
 
-    /// The model as bytes, its weights rounded to half precision.
+    /// The model as bytes, its weights rounded.
     ///
     /// # Errors
-    /// If a weight exceeds half precision.
-    pub fn to_half_bytes(&self) -> Result<Vec<u8>, KindError> {
-        Ok(self.file().to_half_bytes()?)
+    /// If a weight exceeds half precision and does not become an integer.
+    pub fn to_rounded_bytes(&self, coarse: Precision) -> Result<Vec<u8>, KindError> {
+        Ok(self.file().to_rounded_bytes(|name| coarse == Precision::Integers && Unet::is_coarse(name))?)
     }
 
     fn file(&self) -> TensorFile {
@@ -381,9 +382,12 @@ mod tests {
             let bytes = model.to_bytes().expect("plain numbers");
             let text = String::from_utf8_lossy(&bytes[..2048]).into_owned();
             assert_eq!(text.contains("output"), output != Output::Means, "{output:?}");
-            let halves = model.to_half_bytes().expect("small weights");
-            let rounded = Model::load(&halves).expect("sound");
-            assert!(halves.len() < bytes.len() * 11 / 20 && rounded.to_half_bytes().expect("small weights") == halves);
+            for (precision, most) in [(Precision::Half, 0.55), (Precision::Integers, 0.45)] {
+                let halves = model.to_rounded_bytes(precision).expect("small weights");
+                let rounded = Model::load(&halves).expect("sound");
+                assert!((halves.len() as f64) < bytes.len() as f64 * most, "{} of {}", halves.len(), bytes.len());
+                assert!(rounded.to_rounded_bytes(precision).expect("small weights") == halves);
+            }
             let read = Model::load_to(&bytes, &Place::cpu()).expect("sound");
             assert_eq!(read.info(), model.info());
             // Weights that are zero at first: means of pixels for two of them, no noise at all for the third.

@@ -4,7 +4,8 @@ use crate::model::Model;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, All, Context, Facts, Group, Kind, KindError, KindSpec, Known, Media, Mode, Out, Outlook, Outputs,
+    Action, All, Before, Context, Facts, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
+    Outputs,
 };
 use tauflow_data::{
     facts::{CONDITIONING, PARAMETERIZATION, RUNGS},
@@ -14,14 +15,28 @@ use tauflow_data::{
 /// The kind `model_rounding`.
 pub struct ModelRounding;
 
-/// Params of `model_rounding`: none.
+/// Precision of the convolutions below the highest resolution.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Precision {
+    /// Half precision, like all other weights.
+    #[default]
+    Half,
+    /// Integers of 8 bits, with a factor for each output channel.
+    Integers,
+}
+
+/// Params of `model_rounding`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct ModelRoundingParams {}
+pub struct ModelRoundingParams {
+    /// Precision of the convolutions below the highest resolution.
+    pub coarse: Precision,
+}
 
 const MODEL: All<ModelFile> = All::new("model", "The model: exactly one.").single();
 const MAIN: Group = Group::main(1);
-const ROUNDED: Out<ModelFile> = Out::new(MAIN, "rounded", "The model with weights of half precision.").single();
+const ROUNDED: Out<ModelFile> = Out::new(MAIN, "rounded", "The model with rounded weights.").single();
 
 /// The key of the one item on the output.
 const ITEM: &str = "model";
@@ -32,7 +47,7 @@ impl Kind for ModelRounding {
     fn spec() -> KindSpec {
         KindSpec {
             name: "model_rounding",
-            summary: "Rounds the weights of a model to half precision.",
+            summary: "Rounds the weights of a model, so that its file is smaller.",
             manual: include_str!("model_rounding.md"),
             mode: Mode::Gather,
             inputs: vec![MODEL.port()],
@@ -53,8 +68,13 @@ impl Kind for ModelRounding {
         Outlook::default().with(ROUNDED, facts)
     }
 
+    fn later() -> &'static [Later] {
+        &[Later { pointer: "/coarse", before: Before::Text("half") }]
+    }
+
     fn run(ctx: &Context<'_>, action: &Action<'_, Self::Params>) -> Result<Outputs, KindError> {
         let model = action.only(MODEL)?.load(ctx)?;
-        Outputs::default().put_one(ROUNDED, ITEM, ModelFile(Model::load(&model.0)?.to_half_bytes()?).store(ctx)?)
+        let rounded = Model::load(&model.0)?.to_rounded_bytes(action.params.coarse)?;
+        Outputs::default().put_one(ROUNDED, ITEM, ModelFile(rounded).store(ctx)?)
     }
 }

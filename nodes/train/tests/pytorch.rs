@@ -332,7 +332,7 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
 #[test]
 fn files_made_by_the_manual_alone_are_read() {
     let names = |kind: &str| table(kind).into_iter().map(|row| row[0].clone()).collect::<Vec<_>>();
-    for (preset, conditioning) in names("preset").iter().zip(["rgb", "gbuffer", "gbuffer", "rgb", "gbuffer"]) {
+    for (preset, conditioning) in names("preset").iter().zip(["rgb", "gbuffer", "gbuffer"].iter().cycle()) {
         let info = json!({ "parameterization": "vanilla_rf", "conditioning": conditioning, "preset": preset,
             "space": "linear", "counts": [2, 32], "steps": 1 });
         // Fields are written in an order of their own.

@@ -28,7 +28,7 @@ pub enum Preset {
     Fast,
     /// About 1.5 million weights, local: for images of any size.
     Best,
-    /// About 1.7 million weights: `best` with more channels at the highest resolution, where details are decided.
+    /// About 1.8 million weights: `best` with more channels at the highest resolution, where details are decided.
     Wide,
 }
 
@@ -80,10 +80,12 @@ impl Preset {
         }
     }
 
-    /// Whether the other differs from this one only in having fewer channels, or not at all.
+    /// Whether the other is local and differs from this one only in having fewer channels. More channels would change
+    /// the groups in which others are normalised.
     pub(crate) fn widens(self, other: Self) -> bool {
         let (own, other) = (self.plan(), other.plan());
-        own.widths.len() == other.widths.len()
+        !own.normalise
+            && own.widths.len() == other.widths.len()
             && own.widths.iter().zip(other.widths).all(|(own, other)| own >= other)
             && Plan { widths: other.widths, ..own } == other
     }
@@ -209,6 +211,21 @@ impl Unet {
     /// Height and width must be multiples of this.
     pub(crate) fn multiple(&self) -> usize {
         self.multiple
+    }
+
+    /// Whether weights of this name are a convolution below the highest resolution: there are many, and details
+    /// depend on them less.
+    pub(crate) fn is_coarse(name: &str) -> bool {
+        // A block has its number after the level; layers between resolutions have a name.
+        let numbers =
+            |name: &str| name.split('.').skip(1).map_while(|part| part.parse::<usize>().ok()).collect::<Vec<_>>();
+        let convolution = name.ends_with(".kernel") && !name.ends_with(".time.kernel");
+        convolution
+            && match (name.split('.').next(), &numbers(name)[..]) {
+                (Some("middle"), [_, _]) => true,
+                (Some("down" | "up"), [level, _, _]) => *level > 0,
+                _ => false,
+            }
     }
 
     /// How far, in pixels, the output looks at most; none if it looks at the whole image.
@@ -339,6 +356,20 @@ mod tests {
         assert!((420_000..500_000).contains(&sizes[3]), "{sizes:?}");
         assert!((1_200_000..1_500_000).contains(&sizes[4]), "{sizes:?}");
         assert!((1_400_000..1_800_000).contains(&sizes[5]), "{sizes:?}");
+    }
+
+    #[test]
+    fn convolutions_below_the_highest_resolution_are_coarse() {
+        let net = Unet::new(Preset::Wide, 15, 14, Output::SmoothedMeans);
+        let shapes = net.slots().shapes();
+        let coarse = shapes.iter().filter(|(name, _)| Unet::is_coarse(name));
+        let expected = [80, 96, 144].map(|width| (9 * width, width));
+        let mut found = [0; 3];
+        for (name, [rows, columns]) in coarse {
+            let at = expected.iter().position(|shape| *shape == (*rows, *columns)).unwrap_or_else(|| panic!("{name}"));
+            found[at] += 1;
+        }
+        assert_eq!(found, [4, 4, 2]);
     }
 
     #[test]

@@ -85,9 +85,8 @@ impl Slots {
         Weights(values.collect())
     }
 
-    /// The weights of another network for this one, by name, so that both compute the same. Matrices that the other
-    /// lacks start as zeros. Channels that it lacks start as in [`Slots::draw`], but all weights that multiply them are
-    /// zero.
+    /// The weights of another network for this one, by name. Matrices that the other lacks start as zeros. Channels
+    /// that it lacks start as in [`Slots::draw`], but all weights that multiply them are zero.
     ///
     /// # Panics
     /// If it lacks a matrix that does not start as zeros, has one that this network does not use, or has more channels.
@@ -179,5 +178,43 @@ impl Weights {
     /// Zeros of the same shapes.
     pub fn zeros(&self) -> Self {
         Self(self.0.iter().map(|v| vec![0.0; v.len()]).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slots(inputs: usize, outputs: usize) -> Slots {
+        let mut slots = Slots::default();
+        slots.add_parts("kernel".into(), [2, 3], [2 * inputs, 3 * outputs], Start::Normal(1.0));
+        slots.add_parts("bias".into(), [1, 3], [1, 3 * outputs], Start::Zero);
+        slots
+    }
+
+    #[test]
+    fn weights_of_fewer_channels_are_in_their_parts_of_wider_matrices() {
+        let (narrow, wide) = (slots(1, 1), slots(2, 2));
+        let weights = Weights(vec![vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], vec![7.0, 8.0, 9.0]]);
+        let found = wide.adopt(&narrow, &weights, 5);
+        let drawn = wide.draw(5);
+        // Rows: two parts of an old and a new channel. Columns: three such parts.
+        for (at, (value, drawn)) in found.0[0].iter().zip(&drawn.0[0]).enumerate() {
+            let (row, column) = (at / 6, at % 6);
+            let expected = match (row % 2, column % 2) {
+                (0, 0) => weights.0[0][row / 2 * 3 + column / 2],
+                (1, 0) => 0.0,
+                _ => *drawn,
+            };
+            assert!(*value == expected && (column % 2 == 0 || *value != 0.0), "{row} {column}: {value}");
+        }
+        assert_eq!(found.0[1], [7.0, 0.0, 8.0, 0.0, 9.0, 0.0]);
+        assert!(narrow.adopt(&narrow, &weights, 5) == weights);
+    }
+
+    #[test]
+    #[should_panic(expected = "fewer channels")]
+    fn weights_of_more_channels_are_refused() {
+        slots(1, 1).adopt(&slots(2, 1), &slots(2, 1).draw(1), 1);
     }
 }
