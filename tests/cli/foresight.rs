@@ -203,7 +203,9 @@ fn items_that_a_node_gathers_from_cells_may_meet_items_of_these_cells() {
   train_ladders:
     kind: ladder_rendering
     inputs: { scenes: split.train }";
+    let tables = STUDY.find("  evaluation: ").map(|at| &STUDY[at..]).expect("tables at the end");
     let edits = [
+        (tables, ""),
         ("kind: scene_generation, params: { pool: 8,", libraries),
         ("  train_ladders:\n    kind: ladder_rendering\n    inputs: { scenes: gate.accepted }", split),
     ];
