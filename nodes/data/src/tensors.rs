@@ -210,7 +210,7 @@ impl Raw {
         if tensor.data.len() != rows * columns {
             return Err(DataError::Format(format!("tensor `{name}`: its shape does not fit its data")));
         }
-        if let Some(value) = tensor.data.iter().find(|value| !(value.abs() < f32::MAX / 2.0)) {
+        if let Some(value) = tensor.data.iter().find(|value| !value.is_finite() || value.abs() > f32::MAX / 2.0) {
             return Err(DataError::Format(format!("{value} of tensor `{name}` cannot become an integer")));
         }
         let mut most = vec![0.0f32; columns];
