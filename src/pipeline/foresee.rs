@@ -330,7 +330,7 @@ impl Eye<'_> {
                     prefix => format!("the cell `{}`", prefix.replace('+', ", ")),
                 };
                 let named = |of: &(Source, Items)| {
-                    prefixes(of).iter().find(|prefix| !prefix.is_empty()).map(|prefix| prefix.to_string())
+                    prefixes(of).iter().find(|prefix| !prefix.is_empty()).map(ToString::to_string)
                 };
                 let [other, own] = [others.first(), Some(own)].map(|of| of.and_then(named).unwrap_or_default());
                 let message = format!(
