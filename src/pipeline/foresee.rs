@@ -79,7 +79,7 @@ fn may_meet(leading: &[(Source, Items)], others: &[(Source, Items)]) -> bool {
     leading.is_empty() || others.is_empty() || leading.iter().any(meets)
 }
 
-/// What keys of the items may begin with, before the key of the item in its own cell.
+/// The prefixes that keys of the items may have.
 fn prefixes((source, items): &(Source, Items)) -> Vec<Cow<'_, str>> {
     match items {
         Items::Through(.., within) => within.iter().map(|prefix| joined(&source.prefix, prefix)).collect(),

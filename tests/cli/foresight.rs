@@ -216,7 +216,7 @@ fn items_that_a_node_gathers_from_cells_may_meet_items_of_these_cells() {
         ("steps: 2, conditioning: rgb", "steps: 2, conditioning: gbuffer"),
     ];
     assert_eq!(told(&[&edits[..], &gbuffers].concat()), "");
-    // What cannot meet is still found: cells of another axis, and a cell before the gathered ones.
+    // Joins that are sure to fail are still found: of cells of another axis, and of one more axis before the gathered.
     let other = "  other:
     kind: ladder_rendering
     matrix: { stream: [2, 3] }
