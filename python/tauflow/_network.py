@@ -17,14 +17,19 @@ PLANS = {
 # Presets whose output at a pixel depends only on its surroundings.
 LOCAL = ("fast", "best", "wide")
 # Outputs with a shading factor.
-SHADED = ("shaded_means", "guided_means", "smoothed_means")
+SHADED = ("shaded_means", "guided_means", "smoothed_means", "fitted_means")
 # Outputs whose weights G-buffers guide.
-GUIDED = ("guided_means", "smoothed_means")
+GUIDED = ("guided_means", "smoothed_means", "fitted_means")
+# Outputs with a weighted mean of albedo.
+SMOOTH = ("smoothed_means", "fitted_means")
 CHANNELS, CLOCK = 15, 14
 BLACK, BARE, FLOOR, STEEPEST = 0.02, 0.25, 0.05, 16.0
 SHARPNESS, FARTHEST = 16.0, 8.0
 # Albedo is smoothed over windows of this side; this is added to the number of the pixel itself.
 SMOOTHED, ITSELF = 5, 6.0
+# Local models of the light: sides of blocks, blocks on each side of a block, the number of the mean, and bounds.
+BLOCK, RADII, OWN = 4, (2, 4, 8), 4.0
+RIDGE, BRIGHTEST, MOST = 1e-3, 1e4, 4.0
 
 
 def sides(preset):
@@ -95,12 +100,17 @@ def network(preset, channels=CHANNELS, output="means", log=False):
                 self.shade = nn.Conv2d(widths[0], 4 * 3, 3, padding=1)
             if output in GUIDED:
                 self.guide = nn.Conv2d(widths[0], 4 * strengths_of(preset), 3, padding=1)
-            if output == "smoothed_means":
+            if output == "fitted_means":
+                self.fitted = nn.Conv2d(4 * 3 * len(RADII), widths[0], 3, padding=1)
+                self.fits = nn.Conv2d(widths[0], 4 * len(RADII), 3, padding=1)
+            if output in SMOOTH:
                 self.smooth = nn.Conv2d(widths[0], 4 * SMOOTHED**2, 3, padding=1)
 
-        def forward(self, x, clock, bases, albedo, state, gain, distances=None):
+        def forward(self, x, clock, bases, albedo, state, gain, distances=None, models=None):
             time = self.time(clock)
             x = self.stem(F.pixel_unshuffle(x, 2))
+            if output == "fitted_means":
+                x = x + self.fitted(F.pixel_unshuffle(signed_log1p(models), 2))
             skips = []
             for level, smaller in zip(self.down, self.smaller):
                 for block in level:
@@ -122,10 +132,12 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             # One product of matrices (einsum) for it takes two to three times as long.
             shares = answer.softmax(1)
             mean = torch.stack([(bases[:, colour] * shares).sum(1) for colour in range(3)], 1)
+            if output == "fitted_means":
+                mean = blended(mean, models, F.pixel_shuffle(self.fits(x), 2))
             if output in SHADED:
                 power = F.pixel_shuffle(self.shade(x), 2).exp()
                 mean = mean * (1 + 4 * power) / (4 + power)
-            if output == "smoothed_means":
+            if output in SMOOTH:
                 albedo = smoothed(albedo, F.pixel_shuffle(self.smooth(x), 2))
             mean = albedo * mean
             return gain * ((mean.sign() * mean.abs().log1p() if log else mean) - state)
@@ -166,6 +178,40 @@ def smoothed(albedo, numbers):
     return (bases(albedo, (SMOOTHED,)) * shares[:, None]).sum(2)
 
 
+def fits(light, gbuffer):
+    """The light [N, 3, H, W] by local linear models in normal and mean albedo: [N, 9, H, W]."""
+    guide = torch.cat([gbuffer[:, 3:], gbuffer[:, :3].mean(1, keepdim=True)], 1)
+    dimmed, guides = light.clamp(-BRIGHTEST, BRIGHTEST), guide.shape[1]
+    products = (guide[:, :, None] * guide[:, None]).flatten(1, 2)
+    mixed = (guide[:, :, None] * dimmed[:, None]).flatten(1, 2)
+    blocks = F.avg_pool2d(torch.cat([guide, dimmed, products, mixed], 1), BLOCK)
+    found = []
+    for radius in RADII:
+        # Windows may be larger than the image, and are cut at its edge.
+        sums = lambda x: F.avg_pool2d(F.pad(x, (radius,) * 4), 2 * radius + 1, stride=1, divisor_override=1)
+        means = (sums(blocks) / sums(torch.ones_like(blocks))).permute(0, 2, 3, 1)
+        g, light_mean, pairs, mixes = means.split([guides, 3, guides**2, 3 * guides], 3)
+        covariance = pairs.unflatten(3, (guides, guides)) - g[..., :, None] * g[..., None, :]
+        covariance = covariance + RIDGE * torch.eye(guides, dtype=g.dtype, device=g.device)
+        mixed = mixes.unflatten(3, (guides, 3)) - g[..., :, None] * light_mean[..., None, :]
+        slopes = torch.linalg.solve(covariance, mixed)
+        constants = light_mean - (slopes * g[..., :, None]).sum(3)
+        model = torch.cat([slopes.flatten(3), constants, light_mean], 3).permute(0, 3, 1, 2)
+        model = F.interpolate(model, scale_factor=BLOCK, mode="bilinear", align_corners=False)
+        slopes, constants, mean = model.split([3 * guides, 3, 3], 1)
+        value = (slopes.unflatten(1, (guides, 3)) * guide[:, :, None]).sum(1) + constants
+        most = MOST * mean
+        found.append(torch.maximum(torch.minimum(value, most.clamp(min=0)), most.clamp(max=0)))
+    return torch.cat(found, 1)
+
+
+def blended(mean, models, numbers):
+    """The mean [N, 3, H, W] with the models [N, 9, H, W], for numbers [N, 3, H, W] of the models."""
+    shares = torch.cat([torch.full_like(numbers[:, :1], OWN), numbers], 1).softmax(1)
+    each = torch.cat([mean[:, None], models.unflatten(1, (len(RADII), 3))], 1)
+    return (each * shares[:, :, None]).sum(1)
+
+
 def channels(info):
     wide, narrow = {"contrast": (15, 6), "covered": (15, 6), "plain": (9, 3)}[info.get("features", "contrast")]
     return wide if has_gbuffer(info) else narrow
@@ -199,7 +245,10 @@ def shapes(preset, channels, output="means"):
         found["shade"] = (9 * widths[0], 4 * 3)
     if output in GUIDED:
         found["guide"] = (9 * widths[0], 4 * strengths_of(preset))
-    if output == "smoothed_means":
+    if output == "fitted_means":
+        found["fitted"] = (9 * 4 * 3 * len(RADII), widths[0])
+        found["fits"] = (9 * widths[0], 4 * len(RADII))
+    if output in SMOOTH:
         found["smooth"] = (9 * widths[0], 4 * SMOOTHED**2)
     return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
             for name, shape in found.items() for part in ("kernel", "bias")}
@@ -211,7 +260,7 @@ def place(name, levels):
     up = lambda i: levels - 1 - int(i)
     if first == "time":
         return f"time.{2 * int(rest[0])}"
-    if first in ("stem", "shade", "guide", "smooth"):
+    if first in ("stem", "fitted", "fits", "shade", "guide", "smooth"):
         return first
     if first == "head":
         return "last.conv"
@@ -235,13 +284,13 @@ def layout(name, kernel, bias):
     Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by channel.
     """
     outputs = kernel.shape[1]
-    if name in ("head", "shade", "guide", "smooth") or name.endswith(".in"):
+    if name in ("head", "fits", "shade", "guide", "smooth") or name.endswith(".in"):
         turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
         kernel, bias = turn(kernel), turn(bias)
     steps = name.split(".")[-1].isdigit() and not name.startswith("time")
-    size = 3 if name in ("stem", "head", "shade", "guide", "smooth") or steps else 1
+    size = 3 if name in ("stem", "fitted", "head", "fits", "shade", "guide", "smooth") or steps else 1
     weight = kernel.reshape(size, size, -1, outputs)
-    if name == "stem" or name.endswith(".out"):
+    if name in ("stem", "fitted") or name.endswith(".out"):
         weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)
     weight = weight.permute(3, 2, 0, 1)
     return (weight[:, :, 0, 0] if "time" in name else weight), bias.reshape(-1)
@@ -358,5 +407,6 @@ def predict(info, net, state, gbuffer, tau):
     with torch.inference_mode():
         windows = sides(info["preset"])
         apart = distances(gbuffer, windows) if info.get("output") in GUIDED else None
-        found = net(shown, clock(info, tau), bases(light, windows), albedo, state, gain(info, tau), apart)
+        models = fits(light, gbuffer) if info.get("output") == "fitted_means" else None
+        found = net(shown, clock(info, tau), bases(light, windows), albedo, state, gain(info, tau), apart, models)
     return found[0, :, :height, :width].permute(1, 2, 0)

@@ -194,10 +194,14 @@ impl Model {
         // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
         let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
         // Guided means are shaded means until the guide is learned, which starts as zeros. Smoothed means are nearly
-        // guided means until their weights of albedo are learned.
+        // guided means until their weights of albedo are learned. Fitted means are nearly
+        // smoothed means until the weights of models are learned.
         let more = match like.output {
             Output::GuidedMeans => self.info.output == Output::ShadedMeans,
             Output::SmoothedMeans => matches!(self.info.output, Output::ShadedMeans | Output::GuidedMeans),
+            Output::FittedMeans => {
+                matches!(self.info.output, Output::ShadedMeans | Output::GuidedMeans | Output::SmoothedMeans)
+            }
             _ => false,
         };
         let output = |of: Output| if more { like.output } else { of };
@@ -397,7 +401,7 @@ mod tests {
             let untold = read.predict(&state, Some(&Image::new(8, 8, 6)), None).expect_err("it did not learn that");
             assert!(untold.to_string().contains("unknown_counts"), "{untold}");
         }
-        for output in [Output::GuidedMeans, Output::SmoothedMeans] {
+        for output in [Output::GuidedMeans, Output::SmoothedMeans, Output::FittedMeans] {
             let blind = ModelInfo { conditioning: Conditioning::Rgb, ..info(output) };
             let told = blind.encoding().expect_err("no G-buffers to guide").to_string();
             assert!(told.contains(output.name()), "{told}");

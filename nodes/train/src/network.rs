@@ -4,6 +4,7 @@
 //! Knows images and times, nothing of data sets or of how it is trained.
 
 pub(crate) mod features;
+mod fits;
 #[cfg(test)]
 mod gradients;
 pub(crate) mod head;

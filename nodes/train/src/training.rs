@@ -230,9 +230,11 @@ struct OneTraining<'a> {
 impl OneTraining<'_> {
     fn run(&self, share: &mut Share) -> Result<Outputs, KindError> {
         let (ctx, params) = (self.ctx, self.params);
-        let train = DataSet::load(ctx, self.train, TRAIN, params.conditioning)?;
+        let train = DataSet::load(ctx, self.train, TRAIN, params.conditioning)?.for_loss(params.loss)?;
         let test = match self.test {
-            Some(test) if !test.is_empty() => Some(DataSet::load(ctx, test, TEST, params.conditioning)?),
+            Some(test) if !test.is_empty() => {
+                Some(DataSet::load(ctx, test, TEST, params.conditioning)?.for_loss(params.loss)?)
+            }
             _ => None,
         };
         if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts) {

@@ -79,9 +79,10 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     };
     let mut found = BTreeMap::new();
     let has = |layer: &str| match layer {
-        "shade" => ["shaded_means", "guided_means", "smoothed_means"].contains(&text("output")),
-        "guide" => ["guided_means", "smoothed_means"].contains(&text("output")),
-        "smooth" => text("output") == "smoothed_means",
+        "shade" => ["shaded_means", "guided_means", "smoothed_means", "fitted_means"].contains(&text("output")),
+        "fitted" | "fits" => text("output") == "fitted_means",
+        "guide" => ["guided_means", "smoothed_means", "fitted_means"].contains(&text("output")),
+        "smooth" => ["smoothed_means", "fitted_means"].contains(&text("output")),
         _ => true,
     };
     for row in table("layer").iter().filter(|row| has(&row[0])) {
@@ -292,6 +293,11 @@ fn model_files_are_what_the_manual_says_and_pytorch_predicts_the_same() {
             "smoothed",
             json!({ "conditioning": "gbuffer", "output": "smoothed_means", "space": "log1p", "preset": "fast",
                 "parameterization": "mc_noise", "features": "covered", "loss": "preview" }),
+        ),
+        (
+            "fitted",
+            json!({ "conditioning": "gbuffer", "output": "fitted_means", "space": "log1p", "preset": "fast",
+                "parameterization": "mc_noise", "features": "covered", "loss": "unbiased_preview" }),
         ),
         ("values", json!({ "output": "values", "parameterization": "vanilla_rf" })),
         ("plain", json!({ "output": "values", "features": "plain", "conditioning": "gbuffer" })),

@@ -1,7 +1,8 @@
 //! The input features of the network, and the units of its output.
 
 use super::{
-    head::{Answer, Head, Output, SMOOTHED},
+    fits::{BLOCK, FITTED, RADII, fits},
+    head::{Answer, Blend, Head, Output, SMOOTHED},
     unet::{Inputs, Preset, Unet},
 };
 use crate::{
@@ -104,7 +105,7 @@ impl Encoding {
         let (pixels, channels) = (height * width, self.channels());
         let mut features = vec![0.0; samples.len() * pixels * channels];
         let mut clock = Vec::with_capacity(samples.len() * CLOCK);
-        let (mut lights, mut albedos, mut gains) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut lights, mut albedos, mut gains, mut fitted) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (sample, features) in samples.iter().zip(features.chunks_exact_mut(pixels * channels)) {
             let gbuffer = sample.gbuffer.filter(|_| self.gbuffer);
             assert_eq!(gbuffer.is_some(), self.gbuffer, "the caller checks that there is a G-buffer");
@@ -154,6 +155,9 @@ impl Encoding {
             }
             clock.extend(self.time(sample.tau));
             gains.push(self.factors.at(sample.tau) as f32);
+            if let Some(gbuffer) = gbuffer.filter(|_| self.output.is_fitted()) {
+                append(&mut fitted, fits(&light, gbuffer, height, width));
+            }
             append(&mut lights, light);
             append(&mut albedos, albedo.unwrap_or_default());
         }
@@ -164,8 +168,13 @@ impl Encoding {
             let all = if let [one] = buffers[..] { Cow::Borrowed(one) } else { Cow::Owned(buffers.concat()) };
             Arc::new(Guides::new(&all, height, width, self.preset.sides()))
         };
+        let seen = self.output.is_fitted().then(|| {
+            let shape = [samples.len(), height, width, FITTED];
+            Tensor::from_data(TensorData::new(map(&fitted, signed_log1p), shape), device)
+        });
         let head = (self.output != Output::Values).then(|| Head {
             guides: self.output.is_guided().then(guides),
+            fits: self.output.is_fitted().then(|| Blend { fits: Arc::new(fitted) }),
             light: Arc::new(Pyramid::new(&lights, height, width, self.preset.sides())),
             albedo: self.output.is_smoothed().then(|| Arc::new(Pyramid::new(&albedos, height, width, &[SMOOTHED]))),
             answer: Answer {
@@ -177,6 +186,7 @@ impl Encoding {
         });
         Inputs {
             features: Tensor::from_data(TensorData::new(features, shape), device),
+            fits: seen,
             clock: Tensor::from_data(TensorData::new(clock, [samples.len(), CLOCK]), device),
             head,
         }
@@ -188,6 +198,10 @@ impl Encoding {
         // side of blocks, and at the block that the pixel is in.
         let contrasts = if self.features == Features::Plain { 0 } else { 2 * REACH };
         let windows = (0..).zip(self.preset.sides()).map(|(scale, side)| (side / 2 + 1) << scale).max().unwrap_or(0);
+        // A model looks at the blocks around its block, and a pixel at the models of two blocks. The network looks at
+        // models as at contrasts.
+        let models = if self.output.is_fitted() { (RADII[RADII.len() - 1] + 2) * BLOCK } else { 0 };
+        let contrasts = contrasts.max(models);
         // Coverage looks at the pixels beside each pixel that is looked at.
         let beside = usize::from(self.gbuffer && self.features == Features::Covered);
         Some((network.reach()? + contrasts).max(windows) + beside)

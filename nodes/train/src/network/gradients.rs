@@ -145,6 +145,10 @@ fn gradients_of_head_and_loss() {
     let shaded =
         [(numbers(1, size), vec![2, 2, 4, 3]), (numbers(2, size).iter().map(|v| 5.0 * v).collect(), vec![2, 2, 4, 3])];
     check(&shaded, |t| apply(Shade, [t[0].clone().into(), t[1].clone().into()], [2, 2, 4, 3]));
+    let blend = head::Blend { fits: Arc::new(numbers(6, 3 * size)) };
+    let blended =
+        [(numbers(1, size), vec![2, 2, 4, 3]), (numbers(2, size).iter().map(|v| 5.0 * v).collect(), vec![2, 2, 4, 3])];
+    check(&blended, |t| apply(blend.clone(), [t[0].clone().into(), t[1].clone().into()], [2, 2, 4, 3]));
     // Nowhere so near that a difference changes its sign on the way.
     let target: Vec<f32> =
         inputs[0].0.iter().enumerate().map(|(i, v)| if i % 2 == 0 { v + 0.3 } else { v - 0.2 }).collect();
@@ -165,7 +169,7 @@ fn gradients_of_the_tonal_loss() {
     let off = |i: usize| (if (i / 3 + i / 12).is_multiple_of(2) { 0.4 } else { -0.3 }) + 0.03 * (i % 7) as f32;
     let prediction: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + off(i)).collect();
     let target = Arc::new(target);
-    let shown = head::Shown { state, side };
+    let shown = head::Shown { state, side, previews: None };
     let loss = |t: &[Tensor<4>]| {
         let judged = (target.clone(), Some(shown.clone()));
         head::mean_loss(t[0].clone(), judged, target.len(), Loss::Tonal).reshape([1])
@@ -176,7 +180,7 @@ fn gradients_of_the_tonal_loss() {
     // A dark image that is off by 0.01 is worse than a bright one.
     let dark = Arc::new(vec![0.0; size]);
     let of = |log: f32| {
-        let (shown, target) = (head::Shown { state: dark.clone(), side }, Arc::new(vec![-log; size]));
+        let (shown, target) = (head::Shown { state: dark.clone(), side, previews: None }, Arc::new(vec![-log; size]));
         let off = tensor(&vec![-log - 0.01; size], [2, side, side, 3], &Device::flex());
         head::mean_loss(off, (target, Some(shown)), size, Loss::Tonal).into_scalar::<f32>()
     };
@@ -193,7 +197,7 @@ fn gradients_of_the_loss_of_previews() {
     let prediction: Vec<f32> =
         target.iter().zip(numbers(5, size)).map(|(t, v)| t + 0.05f32.copysign(v) - 0.03 * v).collect();
     let target = Arc::new(target);
-    let shown = head::Shown { state, side };
+    let shown = head::Shown { state, side, previews: None };
     let loss = |t: &[Tensor<4>]| {
         let judged = (target.clone(), Some(shown.clone()));
         head::mean_loss(t[0].clone(), judged, target.len(), Loss::Preview).reshape([1])
@@ -203,7 +207,8 @@ fn gradients_of_the_loss_of_previews() {
     assert_eq!(at(&target), 0.0);
     // One image of one brightness that is off by a little: the square counts beside the difference of logarithms.
     let of = |log: f32, off: f32| {
-        let (shown, target) = (head::Shown { state: Arc::new(vec![0.0; size]), side }, Arc::new(vec![-log; size]));
+        let state = Arc::new(vec![0.0; size]);
+        let (shown, target) = (head::Shown { state, side, previews: None }, Arc::new(vec![-log; size]));
         let off = tensor(&vec![-log - off; size], [2, side, side, 3], &Device::flex());
         f64::from(head::mean_loss(off, (target, Some(shown)), size, Loss::Preview).into_scalar::<f32>())
     };
@@ -220,12 +225,45 @@ fn gradients_of_the_loss_of_previews() {
 }
 
 #[test]
+fn gradients_of_the_unbiased_loss() {
+    let (side, size) = (4, 2 * 4 * 4 * 3);
+    let clean: Vec<f32> = numbers(3, size).iter().map(|v| 1.1 + v).collect();
+    let state = Arc::new(numbers(4, size));
+    let target: Vec<f32> = state.iter().zip(&clean).map(|(state, clean)| state - clean).collect();
+    // Below and above the bound of squares, and never near it.
+    let off = |i: usize| if i.is_multiple_of(3) { 1.3 } else { -0.2 };
+    let prediction: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + off(i)).collect();
+    let previews: Vec<f32> = numbers(6, size).iter().map(|v| 0.5 + 0.3 * v).collect();
+    let (target, shown) = (Arc::new(target), head::Shown { state, side, previews: Some(Arc::new(previews)) });
+    let loss = |t: &[Tensor<4>]| {
+        let judged = (target.clone(), Some(shown.clone()));
+        head::mean_loss(t[0].clone(), judged, target.len(), Loss::UnbiasedPreview).reshape([1])
+    };
+    check(&[(prediction, vec![2, side, side, 3])], loss);
+    // Two even images, off by 1.5 and 0.2 in the logarithm, with previews off by 0.1 and 0.2: each image counts by the
+    // logarithms of its own mean squares, and its size beyond 1.
+    let radiance = 1.5f32;
+    let halves = |a: f32, b: f32| [a, b].map(|v| vec![v; size / 2]).concat();
+    let seen = head::preview_of(radiance);
+    let previews = Some(Arc::new(halves(seen - 0.1, seen + 0.2)));
+    let shown = head::Shown { state: Arc::new(vec![0.0; size]), side, previews };
+    let log = radiance.ln_1p();
+    let predicted = tensor(&vec![-log; size], [2, side, side, 3], &Device::flex());
+    let judged = (Arc::new(halves(-log - 1.5, -log + 0.2)), Some(shown));
+    let found = head::mean_loss(predicted, judged, size, Loss::UnbiasedPreview).into_scalar::<f32>();
+    let of = |square: f32| (square / head::NEGLIGIBLE).ln_1p();
+    let expected = 0.25 * (of(2.0) + of(0.04) + of(head::PREVIEWS * 0.01) + of(head::PREVIEWS * 0.04));
+    assert!((found - expected).abs() < 1e-4 * expected, "{found} {expected}");
+}
+
+#[test]
 fn gradients_of_the_whole_network() {
     for output in Output::ALL {
         gradients_of_the_network(output, Preset::Tiny, Some(0.3));
     }
     gradients_of_the_network(Output::ShadedMeans, Preset::Fast, Some(0.3));
     gradients_of_the_network(Output::SmoothedMeans, Preset::Fast, Some(0.3));
+    gradients_of_the_network(Output::FittedMeans, Preset::Fast, Some(0.3));
 }
 
 fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
@@ -268,13 +306,15 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
     };
     let (value, tensors) = loss(&weights, &Device::flex().autodiff());
     let gradients = value.backward();
+    let value = f64::from(value.into_scalar::<f32>());
     for (i, tensor) in tensors.iter().enumerate() {
         let found = tensor.grad(&gradients).expect("every weight is used").into_data();
         let found = found.try_into_vec::<f32>().expect("f32");
         // Along the gradient the loss must rise by the gradient's length.
         let length = found.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
         assert!(length > 0.0, "matrix {i} has no gradient");
-        let step = if guide(i) { 1e-3 } else { 1e-2 };
+        // Small against the curvature: the loss changes by a hundredth at most.
+        let step = (0.01 * value / length).min(if guide(i) { 1e-3 } else { 1e-2 });
         let moved = |sign: f64| {
             let mut moved = weights.clone();
             for (w, g) in moved.0[i].iter_mut().zip(&found) {

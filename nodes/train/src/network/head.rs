@@ -6,9 +6,11 @@
 //! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales. Albedo
 //! of few samples is noisy at edges, so that the mean can be multiplied by a weighted mean of albedo instead.
 
+use super::fits::RADII;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
+use tauflow_data::maths;
 use tauflow_ops::{GuidedMean, Guides, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
 use tauflow_tensors::{apply, layers::unfold};
 
@@ -28,6 +30,9 @@ pub enum Output {
     /// The same, and weights of the albedo around a pixel: the mean is multiplied by the weighted mean of albedo, as
     /// that of the pixel itself is noisy. Needs G-buffers.
     SmoothedMeans,
+    /// The same, and weights of local linear models of the light in normals and albedo: they have the light and shadow
+    /// of joints and bumps, which means blur. Needs G-buffers.
+    FittedMeans,
     /// Predictions, with nothing known put in: for studies of what the law is worth.
     Values,
 }
@@ -35,8 +40,8 @@ pub enum Output {
 impl Output {
     /// All of them.
     #[cfg(test)]
-    pub(crate) const ALL: [Self; 5] =
-        [Self::Means, Self::ShadedMeans, Self::GuidedMeans, Self::SmoothedMeans, Self::Values];
+    pub(crate) const ALL: [Self; 6] =
+        [Self::Means, Self::ShadedMeans, Self::GuidedMeans, Self::SmoothedMeans, Self::FittedMeans, Self::Values];
 
     /// The value of older files, which lack this field, independent of the current default.
     pub(crate) fn unsaid() -> Self {
@@ -50,6 +55,7 @@ impl Output {
             Self::ShadedMeans => "shaded_means",
             Self::GuidedMeans => "guided_means",
             Self::SmoothedMeans => "smoothed_means",
+            Self::FittedMeans => "fitted_means",
             Self::Values => "values",
         }
     }
@@ -66,12 +72,17 @@ impl Output {
 
     /// Whether G-buffers guide the weights, so that there must be some.
     pub(crate) fn is_guided(self) -> bool {
-        matches!(self, Self::GuidedMeans | Self::SmoothedMeans)
+        matches!(self, Self::GuidedMeans) || self.is_smoothed()
     }
 
     /// Whether albedo is smoothed.
     pub(crate) fn is_smoothed(self) -> bool {
-        matches!(self, Self::SmoothedMeans)
+        matches!(self, Self::SmoothedMeans) || self.is_fitted()
+    }
+
+    /// Whether local models of the light take part.
+    pub(crate) fn is_fitted(self) -> bool {
+        matches!(self, Self::FittedMeans)
     }
 
     /// Numbers of the last layer for a pixel, of windows of weights with these sides.
@@ -93,6 +104,8 @@ pub(crate) struct Head {
     pub(crate) light: Arc<Pyramid>,
     /// Albedo and normals at the same scales, if weights are guided.
     pub(crate) guides: Option<Arc<Guides>>,
+    /// Local models of the light, if they take part.
+    pub(crate) fits: Option<Blend>,
     /// Albedo at full resolution, if it is smoothed; the answer then has none.
     pub(crate) albedo: Option<Arc<Pyramid>>,
     /// The processing of the weighted mean.
@@ -111,6 +124,8 @@ pub(crate) struct Heads {
     pub(crate) numbers: Tensor<4>,
     /// Three for a pixel.
     pub(crate) shades: Option<Tensor<4>>,
+    /// One for a pixel and local model.
+    pub(crate) fits: Option<Tensor<4>>,
     /// One for a pixel, level and guide.
     pub(crate) strengths: Option<Tensor<4>>,
     /// [`SMOOTHED`] squared for a pixel.
@@ -120,7 +135,7 @@ pub(crate) struct Heads {
 impl Head {
     /// The prediction [N, H, W, 3].
     pub(crate) fn expand(self, heads: Heads) -> Tensor<4> {
-        let Heads { numbers, shades, strengths, smooths } = heads;
+        let Heads { numbers, shades, fits, strengths, smooths } = heads;
         let [images, rows, columns, channels] = numbers.dims();
         assert_eq!(channels, 4 * self.light.weights(), "a number for each place of the windows");
         let shape = [images, 2 * rows, 2 * columns, 3];
@@ -132,6 +147,9 @@ impl Head {
             (None, None) => apply(WeightedMean { pyramid, own: 0.0 }, [numbers.into()], shape),
             _ => panic!("guides need strengths"),
         };
+        if let Some((blend, fits)) = self.fits.zip(fits) {
+            mean = apply(blend, [mean.into(), unfold(fits).into()], shape);
+        }
         if let Some(shades) = shades {
             mean = apply(Shade, [mean.into(), unfold(shades).into()], shape);
         }
@@ -177,6 +195,69 @@ impl Operator<2> for Shade {
         let of_mean = map2(gradient, shade, |gradient, shade| gradient * Self::factor(shade));
         let slopes = map2(mean, shade, |mean, shade| mean * Self::slope(shade));
         [of_mean, map2(gradient, &slopes, |gradient, slope| gradient * slope)]
+    }
+}
+
+/// The mean of a mean and of the local models of the light, with weights of a softmax: [`OWN`] for the mean, and one
+/// number for each model.
+#[derive(Clone, Debug)]
+pub(crate) struct Blend {
+    /// [N, H, W, models, 3].
+    pub(crate) fits: Arc<Vec<f32>>,
+}
+
+/// The number of the mean: at first it has nearly all of the weight.
+pub(super) const OWN: f32 = 4.0;
+
+const MODELS: usize = RADII.len();
+
+impl Blend {
+    /// Weights of the models; the rest is that of the mean.
+    #[inline(always)]
+    fn shares(numbers: &[f32; MODELS]) -> [f32; MODELS] {
+        let most = numbers.iter().fold(OWN, |most, number| most.max(*number));
+        let powers = numbers.map(|number| exp(number - most));
+        let sum = powers.iter().fold(exp(OWN - most), |sum, power| sum + power);
+        powers.map(|power| power / sum)
+    }
+}
+
+impl Operator<2> for Blend {
+    type Saved = ();
+
+    fn forward(&self, [mean, numbers]: [&[f32]; 2]) -> (Vec<f32>, ()) {
+        let mut out = mean.to_vec();
+        let fits = self.fits.as_chunks::<{ 3 * MODELS }>().0;
+        let pixels = out.as_chunks_mut::<3>().0.par_iter_mut().zip(fits).zip(numbers.as_chunks::<MODELS>().0);
+        pixels.with_min_len(PIXELS).for_each(|((out, fits), numbers)| {
+            let own = *out;
+            for (share, fit) in Self::shares(numbers).iter().zip(fits.as_chunks::<3>().0) {
+                (0..3).for_each(|c| out[c] += share * (fit[c] - own[c]));
+            }
+        });
+        (out, ())
+    }
+
+    fn backward(&self, [mean, numbers]: [&[f32]; 2], (): &(), gradient: &[f32], _: [bool; 2]) -> [Vec<f32>; 2] {
+        let (mut of_mean, mut of_numbers) = (gradient.to_vec(), vec![0.0; numbers.len()]);
+        let fits = self.fits.as_chunks::<{ 3 * MODELS }>().0;
+        let told = mean.as_chunks::<3>().0.par_iter().zip(fits).zip(numbers.as_chunks::<MODELS>().0);
+        let found = of_mean.as_chunks_mut::<3>().0.par_iter_mut().zip(of_numbers.as_chunks_mut::<MODELS>().0);
+        found.zip(told).with_min_len(PIXELS).for_each(|((of_mean, of_numbers), ((mean, fits), numbers))| {
+            let (shares, gradient) = (Self::shares(numbers), *of_mean);
+            // How far each model is off the mean along the gradient, and how far their blend is.
+            let mut along = [0.0; MODELS];
+            for (along, fit) in along.iter_mut().zip(fits.as_chunks::<3>().0) {
+                *along = (0..3).map(|c| gradient[c] * (fit[c] - mean[c])).sum();
+            }
+            let whole = shares.iter().zip(&along).map(|(share, along)| share * along).sum::<f32>();
+            for (of_number, (share, along)) in of_numbers.iter_mut().zip(shares.iter().zip(&along)) {
+                *of_number = share * (along - whole);
+            }
+            let rest = 1.0 - shares.iter().sum::<f32>();
+            of_mean.iter_mut().for_each(|of_mean| *of_mean *= rest);
+        });
+        [of_mean, of_numbers]
     }
 }
 
@@ -243,12 +324,21 @@ pub enum Loss {
     /// edges: near the mean of the targets, and large errors count most, as in a PSNR. Only for predictions of noise in
     /// logarithms.
     Preview,
+    /// By the logarithms of mean squared differences: of logarithms, and of previews with their edges. Each example
+    /// then counts as much as any other, as in a mean PSNR. The targets are corrected for their own noise: previews and
+    /// logarithms of noisy targets are darker than those of their mean. Only for predictions of noise in logarithms.
+    UnbiasedPreview,
 }
 
 impl Loss {
     /// Whether it judges images, not only predictions.
     pub(crate) fn of_images(self) -> bool {
-        matches!(self, Self::Tonal | Self::Preview)
+        matches!(self, Self::Tonal | Self::Preview | Self::UnbiasedPreview)
+    }
+
+    /// Whether targets are corrected for the bias that their own noise has after a curve.
+    pub(crate) fn is_unbiased(self) -> bool {
+        self == Self::UnbiasedPreview
     }
 }
 
@@ -259,6 +349,8 @@ pub(crate) struct Shown {
     pub(crate) state: Arc<Vec<f32>>,
     /// Height and width.
     pub(crate) side: usize,
+    /// The previews of the targets, if they are corrected for noise: their shape is that of the state.
+    pub(crate) previews: Option<Arc<Vec<f32>>>,
 }
 
 /// Weight of differences of tones, and of differences of the slopes of tones, in [`Loss::Tonal`].
@@ -287,13 +379,24 @@ fn tone_slope(log: f32) -> f32 {
 pub(super) const PREVIEWS: f32 = 8.0;
 pub(super) const SLOPES: f32 = 4.0;
 
+/// Differences of logarithms count by their squares up to this in [`Loss::UnbiasedPreview`], and by their size beyond.
+pub(super) const SQUARED_TO: f32 = 1.0;
+
+/// Mean squared differences in [`Loss::UnbiasedPreview`] that are as good as none: those of 50 dB.
+pub(super) const NEGLIGIBLE: f32 = 1e-5;
+
 /// Added to radiance in previews: the slope of a square root has no end.
 pub(super) const DIM: f32 = 0.002;
 
 /// The square root of y/(1 + y), where y is the radiance with this logarithm log(1 + x) plus [`DIM`]: nearly the
 /// preview, whose exponent is 1/2.2. Negative radiance counts as 0.
 fn preview(log: f32) -> f32 {
-    let radiance = expm1(log.clamp(0.0, BRIGHT)) + DIM;
+    preview_of(expm1(log.clamp(0.0, BRIGHT)))
+}
+
+/// The same of a radiance.
+pub(crate) fn preview_of(radiance: f32) -> f32 {
+    let radiance = radiance.max(0.0) + DIM;
     (radiance / (1.0 + radiance)).sqrt()
 }
 
@@ -336,6 +439,57 @@ impl MeanLoss {
         each.map(|((state, p), t)| tone(state - p) - tone(state - t)).collect()
     }
 
+    /// What [`Loss::UnbiasedPreview`] judges by: the images, and the previews that they should have.
+    fn unbiased(&self) -> Option<(&Shown, &[f32])> {
+        let shown = self.shown.as_ref().filter(|_| self.loss == Loss::UnbiasedPreview)?;
+        Some((shown, shown.previews.as_ref().expect("batches for this loss have previews")))
+    }
+
+    /// Values of an example.
+    fn example(&self, shown: &Shown) -> usize {
+        3 * shown.side * shown.side
+    }
+
+    /// Differences of previews of the images from those that they should have.
+    fn off(&self, shown: &Shown, prediction: &[f32], previews: &[f32]) -> Vec<f32> {
+        let each = shown.state.iter().zip(prediction).zip(previews);
+        each.map(|((state, p), target)| preview(state - p) - target).collect()
+    }
+
+    /// Mean squared differences of the logarithms of each example, and of its previews with their edges.
+    fn errors(&self, shown: &Shown, prediction: &[f32], off: &[f32]) -> Vec<[f64; 2]> {
+        let size = self.example(shown);
+        let mut errors = vec![[0.0; 2]; off.len() / size];
+        for (at, ((p, t), off)) in prediction.iter().zip(self.target.iter()).zip(off).enumerate() {
+            let (difference, bound) = (f64::from(p - t).abs(), f64::from(SQUARED_TO));
+            let near = difference.min(bound);
+            errors[at / size][0] += near * near + 2.0 * bound * (difference - near);
+            errors[at / size][1] += f64::from(PREVIEWS) * f64::from(*off).powi(2);
+        }
+        Self::edges(shown, |a, b| errors[a / size][1] += f64::from(SLOPES) * f64::from(off[a] - off[b]).powi(2));
+        errors.iter_mut().flatten().for_each(|error| *error /= size as f64);
+        errors
+    }
+
+    /// The gradient of [`Loss::UnbiasedPreview`], times `scale` for each value.
+    fn unbiased_gradient(&self, shown: &Shown, prediction: &[f32], previews: &[f32], scale: f32) -> Vec<f32> {
+        let (size, off) = (self.example(shown), self.off(shown, prediction, previews));
+        let errors = self.errors(shown, prediction, &off);
+        let mut slopes: Vec<f32> = off.iter().map(|off| 2.0 * PREVIEWS * off).collect();
+        Self::edges(shown, |a, b| {
+            let slope = 2.0 * SLOPES * (off[a] - off[b]);
+            slopes[a] += slope;
+            slopes[b] -= slope;
+        });
+        let each = prediction.iter().zip(self.target.iter()).zip(shown.state.iter()).zip(slopes).enumerate();
+        each.map(|(at, (((p, t), state), slope))| {
+            let [logs, previews] = errors[at / size].map(|error| 0.5 * scale / (error as f32 + NEGLIGIBLE));
+            let of_log = 2.0 * (p - t).clamp(-SQUARED_TO, SQUARED_TO);
+            logs * of_log - previews * slope * preview_slope(state - p)
+        })
+        .collect()
+    }
+
     /// Calls `f` for each pair of neighbours in the images: the first, and the one to its right or below it.
     fn edges(shown: &Shown, mut f: impl FnMut(usize, usize)) {
         let (side, row) = (shown.side, 3 * shown.side);
@@ -354,11 +508,20 @@ impl Operator<1> for MeanLoss {
     type Saved = ();
 
     fn forward(&self, [prediction]: [&[f32]; 1]) -> (Vec<f32>, ()) {
+        if let Some((shown, previews)) = self.unbiased() {
+            let size = self.example(shown);
+            let errors = self.errors(shown, prediction, &self.off(shown, prediction, previews));
+            let logarithm = |error: f64| maths::log1p(error / f64::from(NEGLIGIBLE));
+            let total: f64 =
+                errors.iter().map(|[logs, previews]| 0.5 * (logarithm(*logs) + logarithm(*previews))).sum();
+            return (vec![(total * size as f64 / self.count as f64) as f32], ());
+        }
         let of = |(p, t): (&f32, &f32)| {
             let difference = f64::from(p - t);
             match self.loss {
                 Loss::Squared => difference * difference,
                 Loss::Absolute | Loss::Tonal | Loss::Preview => difference.abs(),
+                Loss::UnbiasedPreview => unreachable!("its squares are those of examples"),
             }
         };
         let mut total: f64 = prediction.iter().zip(self.target.iter()).map(of).sum();
@@ -380,9 +543,13 @@ impl Operator<1> for MeanLoss {
 
     fn backward(&self, [prediction]: [&[f32]; 1], (): &(), gradient: &[f32], _: [bool; 1]) -> [Vec<f32>; 1] {
         let scale = gradient[0] / self.count as f32;
+        if let Some((shown, previews)) = self.unbiased() {
+            return [self.unbiased_gradient(shown, prediction, previews, scale)];
+        }
         let of = |(p, t): (&f32, &f32)| match self.loss {
             Loss::Squared => 2.0 * (p - t) * scale,
             Loss::Absolute | Loss::Tonal | Loss::Preview => scale * sign(p - t),
+            Loss::UnbiasedPreview => unreachable!("its squares are those of examples"),
         };
         let mut out: Vec<f32> = prediction.iter().zip(self.target.iter()).map(of).collect();
         if let Some(shown) = self.shown.as_ref().filter(|_| self.loss == Loss::Preview) {

@@ -54,7 +54,9 @@ fn outputs_and_gradients_are_pytorchs() {
     let inputs = Inputs {
         features: Tensor::from_data(TensorData::new(image(CHANNELS, 1001), [1, SIDE, SIDE, CHANNELS]), &device),
         clock: Tensor::from_data(TensorData::new(made_up(CLOCK, 1002), [1, CLOCK]), &device),
+        fits: None,
         head: Some(Head {
+            fits: None,
             light: Arc::new(Pyramid::new(&image(3, 1003), SIDE, SIDE, SIDES)),
             guides: None,
             albedo: None,

@@ -3,7 +3,10 @@
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
 //! cheaper than at full resolution; the last layers have the numbers of four pixels side by side.
 
-use super::head::{Head, Heads, Output, SMOOTHED};
+use super::{
+    fits::{FITTED, RADII},
+    head::{Head, Heads, Output, SMOOTHED},
+};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -122,6 +125,8 @@ impl Plan {
 pub(crate) struct Inputs {
     /// [N, H, W, C]; H and W are multiples of [`Unet::multiple`].
     pub(crate) features: Tensor<4>,
+    /// Logarithms of the light by local models, [N, H, W, [`FITTED`]], if they take part.
+    pub(crate) fits: Option<Tensor<4>>,
     /// [N, [`super::features::CLOCK`]].
     pub(crate) clock: Tensor<2>,
     /// The components of the output; none if it is the prediction.
@@ -140,6 +145,8 @@ pub(crate) struct Unet {
     last: Layer,
     head: Layer,
     shade: Option<Layer>,
+    fits: Option<Layer>,
+    fitted: Option<Layer>,
     guide: Option<Layer>,
     smooth: Option<Layer>,
     normalise: bool,
@@ -194,13 +201,32 @@ impl Unet {
         // Every place weighs the same at first, or nothing is predicted.
         let head = build.conv("head", plan.widths[0], 4 * output.numbers(plan.sides), Start::Zero);
         let shade = output.is_shaded().then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
+        // Local models are not seen at first, and hardly count.
+        let fitted = output.is_fitted().then(|| build.conv("fitted", 4 * FITTED, plan.widths[0], Start::Zero));
+        let fits = output.is_fitted().then(|| build.conv("fits", plan.widths[0], 4 * RADII.len(), Start::Zero));
         let strengths = 4 * GUIDES * plan.sides.len();
         let guide = output.is_guided().then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
         let places = 4 * SMOOTHED * SMOOTHED;
         let smooth = output.is_smoothed().then(|| build.conv("smooth", plan.widths[0], places, Start::Zero));
         let multiple = (2 << down.len()).max(1 << (plan.sides.len() - 1));
         let normalise = plan.normalise;
-        Self { slots: build.slots, time, stem, down, middle, up, last, head, shade, guide, smooth, normalise, multiple }
+        Self {
+            slots: build.slots,
+            time,
+            stem,
+            down,
+            middle,
+            up,
+            last,
+            head,
+            shade,
+            fits,
+            fitted,
+            guide,
+            smooth,
+            normalise,
+            multiple,
+        }
     }
 
     /// Its weights.
@@ -249,6 +275,9 @@ impl Unet {
         let time = silu(run.linear(self.time[0], inputs.clock));
         let time = silu(run.linear(self.time[1], time));
         let mut x = run.conv(self.stem, fold(inputs.features));
+        if let Some((layer, fits)) = self.fitted.zip(inputs.fits) {
+            x = x + run.conv(layer, fold(fits));
+        }
         let mut skips = Vec::new();
         for level in &self.down {
             x = run.blocks(&level.blocks, x, &time);
@@ -264,11 +293,11 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = run.activated(x, self.last, &time);
-        let [shades, strengths, smooths] =
-            [self.shade, self.guide, self.smooth].map(|layer| layer.map(|layer| run.conv(layer, x.clone())));
+        let [shades, fits, strengths, smooths] =
+            [self.shade, self.fits, self.guide, self.smooth].map(|layer| layer.map(|layer| run.conv(layer, x.clone())));
         let numbers = run.conv(self.head, x);
         match inputs.head {
-            Some(head) => head.expand(Heads { numbers, shades, strengths, smooths }),
+            Some(head) => head.expand(Heads { numbers, shades, fits, strengths, smooths }),
             None => unfold(numbers),
         }
     }

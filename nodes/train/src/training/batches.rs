@@ -4,7 +4,7 @@ use crate::{
     model::Model,
     network::{
         features::{Encoding, Sample},
-        head::Shown,
+        head::{Loss, Shown, preview_of},
     },
     parameterization::ParameterizationMaths as _,
     rollout::{Course, rollout},
@@ -22,6 +22,8 @@ pub(crate) struct DataSet {
     pub(crate) counts: Vec<u64>,
     pub(crate) sampler: SamplerKind,
     scenes: Vec<PackedScene>,
+    /// Whether targets are corrected for the bias that noise has after a curve.
+    unbiased: bool,
 }
 
 /// Examples of one shape: what the network is told, and what it should say.
@@ -31,6 +33,8 @@ pub(crate) struct Batch {
     tau: Vec<Option<f64>>,
     /// [N, H, W, 3].
     pub(crate) targets: Arc<Vec<f32>>,
+    /// The previews of the clean images, [N, H, W, 3], if targets are corrected.
+    previews: Option<Arc<Vec<f32>>>,
     /// Height and width.
     pub(crate) side: usize,
 }
@@ -173,7 +177,22 @@ impl DataSet {
             Conditioning::Rgb => PackedScene { gbuffer: None, ..scene },
         };
         let scenes = scenes.into_iter().map(|(_, scene)| kept(scene)).collect();
-        Ok(Self { counts, sampler, scenes })
+        Ok(Self { counts, sampler, scenes, unbiased: false })
+    }
+
+    /// The same scenes, with the targets that a loss asks for.
+    ///
+    /// # Errors
+    /// If they cannot be had: the correction rests on independent samples.
+    pub(crate) fn for_loss(self, loss: Loss) -> Result<Self, KindError> {
+        if loss.is_unbiased() && !self.sampler.is_independent() {
+            return Err(KindError::Input(
+                "`loss: unbiased_preview` needs independent samples, but those of the scenes are correlated; render \
+                them with `sampler: independent`, or use `loss: preview`"
+                    .into(),
+            ));
+        }
+        Ok(Self { unbiased: loss.is_unbiased(), ..self })
     }
 
     /// Number of scenes.
@@ -286,10 +305,18 @@ impl DataSet {
     fn batch(&self, encoding: &Encoding, picks: &[Pick], side: usize) -> Batch {
         let examples: Vec<_> = picks.par_iter().map(|pick| self.example(encoding, pick, side)).collect();
         let mut targets = Vec::with_capacity(picks.len() * side * side * 3);
-        let mut batch =
-            Batch { states: Vec::new(), gbuffers: Vec::new(), tau: Vec::new(), targets: Arc::default(), side };
-        for (pick, (state, target, gbuffer)) in picks.iter().zip(examples) {
+        let mut previews = Vec::with_capacity(if self.unbiased { targets.capacity() } else { 0 });
+        let mut batch = Batch {
+            states: Vec::new(),
+            gbuffers: Vec::new(),
+            tau: Vec::new(),
+            targets: Arc::default(),
+            previews: None,
+            side,
+        };
+        for (pick, (state, (target, preview), gbuffer)) in picks.iter().zip(examples) {
             targets.extend(target);
+            previews.extend(preview);
             batch.states.push(state);
             batch.gbuffers.push(gbuffer);
             let tau =
@@ -297,33 +324,53 @@ impl DataSet {
             batch.tau.push(pick.told.then_some(tau));
         }
         batch.targets = Arc::new(targets);
+        batch.previews = self.unbiased.then(|| Arc::new(previews));
         batch
     }
 
-    /// State, target and G-buffer of a pick.
-    fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> (Vec<f32>, Vec<f32>, Option<Vec<f32>>) {
+    /// State, target with its previews, and G-buffer of a pick. There are previews only if targets are corrected.
+    fn example(
+        &self,
+        encoding: &Encoding,
+        pick: &Pick,
+        side: usize,
+    ) -> (Vec<f32>, (Vec<f32>, Vec<f32>), Option<Vec<f32>>) {
         let lesson =
             encoding.factors.parameterization().lesson(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
-        let read = |scene: usize| -> (Vec<f32>, Vec<f32>) {
+        let read = |scene: usize| -> (Vec<f32>, (Vec<f32>, Vec<f32>)) {
             let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
+            let preview = |v: f32| preview_of(v * pick.scale);
             let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
-            let to_count = self.counts[lesson.to] as f32;
+            let (to_count, half_count) = (self.counts[lesson.to] as f32, self.counts[lesson.to - 1] as f32);
             let second = pick.tiles.map_or(lesson.from, |tiles| tiles.rung);
+            let mut halves = self.unbiased.then(|| rung(lesson.to - 1));
+            let mut previews = Vec::with_capacity(if self.unbiased { 3 * side * side } else { 0 });
             let triples = rung(lesson.from).zip(rung(second)).zip(rung(lesson.to)).enumerate();
-            let pixels = triples.map(|(i, ((first, second_state), to))| {
+            let pixels = triples.map(|(i, ((first, second_state), all))| {
                 let tiled = pick.tiles.is_some_and(|tiles| tiles.has(i % side, i / side));
                 let (from, at) = if tiled { (second_state, second) } else { (first, lesson.from) };
                 let from_count = self.counts[at] as f32;
                 let to = match pick.apart {
-                    true => [0, 1, 2].map(|c| others((from[c], from_count), (to[c], to_count))),
-                    false => to,
+                    true => [0, 1, 2].map(|c| others((from[c], from_count), (all[c], to_count))),
+                    false => all,
                 };
-                let parts = [0, 1, 2].map(|c| lesson.example(encode(from[c]), encode(to[c])));
+                let mut ends = to.map(encode);
+                if let Some(half) = halves.as_mut().and_then(Iterator::next) {
+                    // Of a target that contains the input's samples, the network predicts their noise as it is.
+                    let rest = to_count - from_count;
+                    let share = if pick.apart { to_count / rest } else { rest / to_count };
+                    for c in [0, 1, 2] {
+                        let (half, all) = ((half[c], half_count), (all[c], to_count));
+                        ends[c] += share * curved(half, all, encode);
+                        previews.push(preview(to[c]) + share * curved(half, all, preview));
+                    }
+                }
+                let parts = [0, 1, 2].map(|c| lesson.example(encode(from[c]), ends[c]));
                 (parts.map(|(state, _)| state), parts.map(|(_, target)| target))
             });
             let (states, targets): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.unzip();
-            (states.into_flattened(), targets.into_flattened())
+            (states.into_flattened(), (targets.into_flattened(), previews))
         };
         let (state, target) = read(pick.scene);
         let target = if pick.target == pick.scene { target } else { read(pick.target).1 };
@@ -338,6 +385,16 @@ impl DataSet {
 fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
     let rest = (all.0 * all.1 - some.0 * some.1) / (all.1 - some.1);
     if all.0 >= 0.0 { rest.max(0.0) } else { rest }
+}
+
+/// What a curve of a mean of noisy samples lacks, on average, to the curve of their expectation.
+///
+/// The bias of f(mean of n samples) is proportional to 1/n up to higher orders: weighted by their samples, two parts of
+/// them have twice the bias of all. The difference estimates it (the jackknife of Quenouille 1956 with two groups).
+/// `some` is nested in `all`; both are means with their sample counts.
+fn curved(some: (f32, f32), all: (f32, f32), f: impl Fn(f32) -> f32) -> f32 {
+    let share = some.1 / all.1;
+    f(all.0) - (share * f(some.0) + (1.0 - share) * f(others(some, all)))
 }
 
 /// Width and height of a scene's images.
@@ -410,6 +467,7 @@ impl Batch {
                 gbuffers: self.gbuffers[of.clone()].to_vec(),
                 tau: self.tau[of.clone()].to_vec(),
                 targets: Arc::new(self.targets[of.start * size..of.end * size].to_vec()),
+                previews: self.previews.as_ref().map(|p| Arc::new(p[of.start * size..of.end * size].to_vec())),
                 side: self.side,
             }
         };
@@ -418,7 +476,7 @@ impl Batch {
 
     /// The states as images.
     pub(crate) fn shown(&self) -> Shown {
-        Shown { state: Arc::new(self.states.concat()), side: self.side }
+        Shown { state: Arc::new(self.states.concat()), side: self.side, previews: self.previews.clone() }
     }
 
     /// The examples as the network's samples.

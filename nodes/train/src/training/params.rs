@@ -215,15 +215,15 @@ impl TrainingParams {
         if self.output.is_guided() && self.conditioning != Conditioning::Gbuffer {
             problems.push(ParamProblem::new(
                 "/output",
-                "`guided_means` and `smoothed_means` need G-buffers",
+                "`guided_means`, `smoothed_means` and `fitted_means` need G-buffers",
                 "use `conditioning: gbuffer`, or `output: shaded_means`",
             ));
         }
         if self.loss.of_images() && (self.parameterization, self.space) != (Parameterization::McNoise, Space::Log1p) {
             problems.push(ParamProblem::new(
                 "/loss",
-                "`tonal` and `preview` compare clean images in logarithms, which only `mc_noise` with `space: log1p` \
-                predicts",
+                "`tonal`, `preview` and `unbiased_preview` compare clean images in logarithms, which only `mc_noise` \
+                with `space: log1p` predicts",
                 "use `absolute`, or `mc_noise` and `log1p`",
             ));
         }
@@ -300,7 +300,7 @@ mod tests {
         let shown = TrainingParams { loss: Loss::Preview, ..tonal };
         assert!(shown.problems().is_empty());
         assert_eq!(TrainingParams { space: Space::Linear, ..shown }.problems()[0].pointer, "/loss");
-        for output in [Output::GuidedMeans, Output::SmoothedMeans] {
+        for output in [Output::GuidedMeans, Output::SmoothedMeans, Output::FittedMeans] {
             let guided = TrainingParams { output, ..TrainingParams::default() };
             assert_eq!(guided.problems()[0].pointer, "/output");
             assert!(TrainingParams { conditioning: Conditioning::Gbuffer, ..guided }.problems().is_empty());

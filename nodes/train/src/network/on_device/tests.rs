@@ -101,8 +101,12 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     }
     let shades = numbers(2, 300).iter().map(|v| 100.0 * v * v * v).collect();
     all.push(("Shade".into(), difference(Shade, [numbers(1, 300), shades], device)));
-    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal, Loss::Preview] {
-        let shown = loss.of_images().then(|| Shown { state: Arc::new(numbers(10, 2 * 8 * 8 * 3)), side: 8 });
+    let blend = Blend { fits: Arc::new(numbers(21, 900)) };
+    let shares = numbers(23, 300).iter().map(|v| 9.0 * v).collect();
+    all.push(("Blend".into(), difference(blend, [numbers(22, 300), shares], device)));
+    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal, Loss::Preview, Loss::UnbiasedPreview] {
+        let previews = loss.is_unbiased().then(|| Arc::new(numbers(12, 2 * 8 * 8 * 3)));
+        let shown = loss.of_images().then(|| Shown { state: Arc::new(numbers(10, 2 * 8 * 8 * 3)), side: 8, previews });
         let loss = MeanLoss { target: Arc::new(numbers(8, 2 * 8 * 8 * 3)), count: 900, loss, shown };
         all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 2 * 8 * 8 * 3)], device)));
     }
@@ -169,7 +173,7 @@ fn of_network(preset: Preset, output: Output, gbuffer: bool, device: &Device) ->
 fn networks_on_a_device_are_those_on_the_cpu() {
     let Some(place) = crate::device::vulkan::for_tests() else { return };
     for preset in Preset::ALL {
-        for (output, gbuffer) in [(Output::Means, false), (Output::Means, true), (Output::SmoothedMeans, true)] {
+        for (output, gbuffer) in [(Output::Means, false), (Output::Means, true), (Output::FittedMeans, true)] {
             let of = |device| of_network(preset, output, gbuffer, device);
             let (found, expected) = (of(place.device()), of(&Device::flex()));
             let apart: Vec<f64> = found.iter().zip(&expected).map(|(found, expected)| apart(found, expected)).collect();

@@ -145,6 +145,80 @@ fn targets_without_a_count_are_the_other_samples_of_the_last_rung() {
     assert_eq!(others((1.0, 1.0), (4.0, 4.0)), 5.0);
 }
 
+/// A scene whose rungs are even images of these values.
+fn even(rungs: &[(u64, f32)]) -> DataSet {
+    let scene = PackedScene {
+        counts: rungs.iter().map(|(count, _)| *count).collect(),
+        states: rungs.iter().map(|(_, v)| Image::from_data(8, 8, 3, vec![*v; 192]).expect("fits")).collect(),
+        gbuffer: None,
+        sampler: Default::default(),
+    };
+    DataSet::new(vec![("scene", scene)], "train", Conditioning::Rgb).expect("fits")
+}
+
+#[test]
+fn targets_are_corrected_by_what_their_halves_lose_in_a_curve() {
+    let factors = Factors::new(Parameterization::McNoise, &[8, 16], Law::Covariances).expect("a ladder");
+    let encoding = Encoding { factors, space: Space::Log1p, gbuffer: false, ..encoding(Parameterization::McNoise) };
+    let drawn = |loss: Loss, draw: Draw| {
+        let set = even(&[(8, 0.2), (16, 0.3)]).for_loss(loss).expect("independent samples");
+        let batch = set.draw(&encoding, &draw, 0);
+        // The clean image's logarithm, and its preview.
+        (batch.states[0][0] - batch.targets[0], batch.previews.as_ref().map(|previews| previews[0]))
+    };
+    let apart = Draw { unknown_counts: 1.0, independent_targets: true, ..PLAIN };
+    // All 16 samples of which the input has 8, and the other 8, whose mean is 0.4. The noise is that of 8 samples in
+    // 16: half of the variance of the mean of 16, and twice that variance.
+    for (draw, target, share) in [(PLAIN, 0.3, 0.5), (apart, 0.4, 2.0)] {
+        let expected = |f: &dyn Fn(f32) -> f32| f(target) + share * (f(0.3) - 0.5 * (f(0.2) + f(0.4)));
+        let (log, preview) = drawn(Loss::UnbiasedPreview, draw);
+        assert!((log - expected(&f32::ln_1p)).abs() < 1e-6, "{log} {}", expected(&f32::ln_1p));
+        let preview = preview.expect("asked for");
+        assert!((preview - expected(&preview_of)).abs() < 1e-6, "{preview} {}", expected(&preview_of));
+        let (log, preview) = drawn(Loss::Preview, draw);
+        assert!((log - target.ln_1p()).abs() < 1e-6 && preview.is_none());
+    }
+    let mut correlated = even(&[(8, 0.2), (16, 0.3)]);
+    correlated.sampler = SamplerKind::Sobol;
+    let told = correlated.for_loss(Loss::UnbiasedPreview).expect_err("Sobol' points").to_string();
+    assert!(told.contains("independent"), "{told}");
+}
+
+#[test]
+fn corrected_curves_of_noisy_means_are_right_on_average() {
+    // 16 samples of exponential distribution, mean 0.3; any 4 of them, or any 8, may be the part.
+    let mut stream = Stream::new(1, &[]);
+    let mut exponential = |count: usize| (0..count).map(|_| -0.3 * maths::log(1.0 - stream.uniform())).sum::<f64>();
+    for part in [4usize, 8] {
+        let mut found = [[0.0; 2]; 4];
+        const DRAWS: usize = 100_000;
+        for _ in 0..DRAWS {
+            let (some, rest) = (exponential(part), exponential(16 - part));
+            let some = ((some / part as f64) as f32, part as f32);
+            let all = ((f64::from(some.0) * part as f64 + rest) as f32 / 16.0, 16.0);
+            let values = [
+                all.0.ln_1p(),
+                preview_of(all.0),
+                all.0.ln_1p() + curved(some, all, f32::ln_1p),
+                preview_of(all.0) + curved(some, all, preview_of),
+            ];
+            for (found, value) in found.iter_mut().zip(values.map(f64::from)) {
+                *found = [found[0] + value, found[1] + value * value];
+            }
+        }
+        let expected = [0.3f64.ln_1p(), f64::from(preview_of(0.3))];
+        let errors: Vec<f64> = (0..4)
+            .map(|i| {
+                let (mean, square) = (found[i][0] / DRAWS as f64, found[i][1] / DRAWS as f64);
+                (mean - expected[i % 2]) / ((square - mean * mean) / DRAWS as f64).sqrt()
+            })
+            .collect();
+        println!("{part}: standard errors {errors:?}");
+        assert!(errors[0] < -6.0 && errors[1] < -20.0, "noise makes curves darker: {errors:?}");
+        assert!(errors[2].abs() < 4.0 && errors[3].abs() < 4.0, "what is left is of second order: {errors:?}");
+    }
+}
+
 #[test]
 fn uneven_examples_have_tiles_of_two_rungs_and_targets_of_each_pixels_own() {
     let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
