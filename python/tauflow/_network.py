@@ -101,8 +101,8 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             if output in GUIDED:
                 self.guide = nn.Conv2d(widths[0], 4 * strengths_of(preset), 3, padding=1)
             if output == "fitted_means":
-                self.fitted = nn.Conv2d(4 * 3 * len(RADII), widths[0], 3, padding=1)
-                self.fits = nn.Conv2d(widths[0], 4 * len(RADII), 3, padding=1)
+                self.fits = nn.Conv2d(4 * 3 * len(RADII), widths[0], 3, padding=1)
+                self.blend = nn.Conv2d(widths[0], 4 * len(RADII), 3, padding=1)
             if output in SMOOTH:
                 self.smooth = nn.Conv2d(widths[0], 4 * SMOOTHED**2, 3, padding=1)
 
@@ -110,7 +110,7 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             time = self.time(clock)
             x = self.stem(F.pixel_unshuffle(x, 2))
             if output == "fitted_means":
-                x = x + self.fitted(F.pixel_unshuffle(signed_log1p(models), 2))
+                x = x + self.fits(F.pixel_unshuffle(signed_log1p(models), 2))
             skips = []
             for level, smaller in zip(self.down, self.smaller):
                 for block in level:
@@ -133,7 +133,7 @@ def network(preset, channels=CHANNELS, output="means", log=False):
             shares = answer.softmax(1)
             mean = torch.stack([(bases[:, colour] * shares).sum(1) for colour in range(3)], 1)
             if output == "fitted_means":
-                mean = blended(mean, models, F.pixel_shuffle(self.fits(x), 2))
+                mean = blended(mean, models, F.pixel_shuffle(self.blend(x), 2))
             if output in SHADED:
                 power = F.pixel_shuffle(self.shade(x), 2).exp()
                 mean = mean * (1 + 4 * power) / (4 + power)
@@ -246,8 +246,8 @@ def shapes(preset, channels, output="means"):
     if output in GUIDED:
         found["guide"] = (9 * widths[0], 4 * strengths_of(preset))
     if output == "fitted_means":
-        found["fitted"] = (9 * 4 * 3 * len(RADII), widths[0])
-        found["fits"] = (9 * widths[0], 4 * len(RADII))
+        found["fits"] = (9 * 4 * 3 * len(RADII), widths[0])
+        found["blend"] = (9 * widths[0], 4 * len(RADII))
     if output in SMOOTH:
         found["smooth"] = (9 * widths[0], 4 * SMOOTHED**2)
     return {f"{name}.{part}": shape if part == "kernel" else (1, shape[1])
@@ -260,7 +260,7 @@ def place(name, levels):
     up = lambda i: levels - 1 - int(i)
     if first == "time":
         return f"time.{2 * int(rest[0])}"
-    if first in ("stem", "fitted", "fits", "shade", "guide", "smooth"):
+    if first in ("stem", "fits", "blend", "shade", "guide", "smooth"):
         return first
     if first == "head":
         return "last.conv"
@@ -284,13 +284,13 @@ def layout(name, kernel, bias):
     Four pixels in the channels of one: ours pixel by pixel, PyTorch's channel by channel.
     """
     outputs = kernel.shape[1]
-    if name in ("head", "fits", "shade", "guide", "smooth") or name.endswith(".in"):
+    if name in ("head", "blend", "shade", "guide", "smooth") or name.endswith(".in"):
         turn = lambda w: w.reshape(-1, 4, outputs // 4).transpose(1, 2).reshape(-1, outputs)
         kernel, bias = turn(kernel), turn(bias)
     steps = name.split(".")[-1].isdigit() and not name.startswith("time")
-    size = 3 if name in ("stem", "fitted", "head", "fits", "shade", "guide", "smooth") or steps else 1
+    size = 3 if name in ("stem", "fits", "head", "blend", "shade", "guide", "smooth") or steps else 1
     weight = kernel.reshape(size, size, -1, outputs)
-    if name in ("stem", "fitted") or name.endswith(".out"):
+    if name in ("stem", "fits") or name.endswith(".out"):
         weight = weight.reshape(size, size, 4, -1, outputs).transpose(2, 3).reshape(size, size, -1, outputs)
     weight = weight.permute(3, 2, 0, 1)
     return (weight[:, :, 0, 0] if "time" in name else weight), bias.reshape(-1)

@@ -7,8 +7,8 @@ use crate::edits::PIPELINE;
 use std::{fs, path::Path, process::Command};
 use tauflow_testing::{Need, skip};
 
-/// What the defaults of trainings leave out: G-buffers, logarithms, absolute differences, shades, low rungs, all eight
-/// views; and 32 x 32 pixels, from which on convolutions have minimal filtering.
+/// What the defaults of trainings leave out: G-buffers, logarithms, a loss of images, local models, low rungs, all
+/// eight views; and 32 x 32 pixels, from which on convolutions have minimal filtering.
 const MORE: &str = r"
   gbuffer_set:
     kind: dataset_packing
@@ -27,8 +27,8 @@ const MORE: &str = r"
       batch: 2
       crop: 16
       space: log1p
-      loss: preview
-      output: smoothed_means
+      loss: unbiased_preview
+      output: fitted_means
       rung_exponent: 0.5
   viewed:
     kind: refinement

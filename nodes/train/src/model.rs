@@ -194,8 +194,8 @@ impl Model {
         // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
         let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
         // Guided means are shaded means until the guide is learned, which starts as zeros. Smoothed means are nearly
-        // guided means until their weights of albedo are learned. Fitted means are nearly
-        // smoothed means until the weights of models are learned.
+        // guided means until their weights of albedo are learned, and fitted means nearly smoothed means until those of
+        // local models are.
         let more = match like.output {
             Output::GuidedMeans => self.info.output == Output::ShadedMeans,
             Output::SmoothedMeans => matches!(self.info.output, Output::ShadedMeans | Output::GuidedMeans),

@@ -80,7 +80,7 @@ fn matrices(info: &Value) -> BTreeMap<String, Vec<usize>> {
     let mut found = BTreeMap::new();
     let has = |layer: &str| match layer {
         "shade" => ["shaded_means", "guided_means", "smoothed_means", "fitted_means"].contains(&text("output")),
-        "fitted" | "fits" => text("output") == "fitted_means",
+        "fits" | "blend" => text("output") == "fitted_means",
         "guide" => ["guided_means", "smoothed_means", "fitted_means"].contains(&text("output")),
         "smooth" => ["smoothed_means", "fitted_means"].contains(&text("output")),
         _ => true,

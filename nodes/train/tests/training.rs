@@ -176,6 +176,20 @@ fn guided_means_begin_as_the_shaded_means_that_they_start_from() {
     assert!(file.get("smooth.kernel").expect("a layer").data.iter().any(|weight| *weight != 0.0), "albedo is learned");
     let back = from(&trained, &of(Output::GuidedMeans, 0)).expect_err("weights of albedo have no place there");
     assert!(back.to_string().contains("`output: smoothed_means`"), "{back}");
+    // Local models have a few hundredths of the weight until they are learned.
+    let smoothed = from(&shaded, &of(Output::SmoothedMeans, 0)).expect("no steps");
+    for start in [&shaded, &guided, &smoothed] {
+        let fitted = from(start, &of(Output::FittedMeans, 0)).expect("no steps");
+        let [found, before] = [&fitted, &shaded].map(last);
+        assert!(found != before && (found - before).abs() < 0.2 * before, "{found} {before}");
+    }
+    let trained = from(&trained, &of(Output::FittedMeans, 8)).expect("trains");
+    let file = TensorFile::from_bytes(&lab.bytes(&trained, "model")).expect("safetensors");
+    for layer in ["fits.kernel", "blend.kernel"] {
+        assert!(file.get(layer).expect("a layer").data.iter().any(|weight| *weight != 0.0), "{layer} is learned");
+    }
+    let back = from(&trained, &of(Output::SmoothedMeans, 0)).expect_err("local models have no place there");
+    assert!(back.to_string().contains("`output: fitted_means`"), "{back}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The input features of the network, and the units of its output.
 
 use super::{
-    fits::{BLOCK, FITTED, RADII, fits},
+    fits::{FIT_REACH, FITTED, fits},
     head::{Answer, Blend, Head, Output, SMOOTHED},
     unet::{Inputs, Preset, Unet},
 };
@@ -198,9 +198,8 @@ impl Encoding {
         // side of blocks, and at the block that the pixel is in.
         let contrasts = if self.features == Features::Plain { 0 } else { 2 * REACH };
         let windows = (0..).zip(self.preset.sides()).map(|(scale, side)| (side / 2 + 1) << scale).max().unwrap_or(0);
-        // A model looks at the blocks around its block, and a pixel at the models of two blocks. The network looks at
-        // models as at contrasts.
-        let models = if self.output.is_fitted() { (RADII[RADII.len() - 1] + 2) * BLOCK } else { 0 };
+        // The network looks at fits as at contrasts.
+        let models = if self.output.is_fitted() { FIT_REACH } else { 0 };
         let contrasts = contrasts.max(models);
         // Coverage looks at the pixels beside each pixel that is looked at.
         let beside = usize::from(self.gbuffer && self.features == Features::Covered);

@@ -2,7 +2,7 @@
 //!
 //! In a window around each pixel, the noisy light is fitted by least squares as a linear function of normal and mean
 //! albedo. Its value at the pixel's own normal and albedo has the light and shadow of joints, bumps and patterns, which
-//! means of neighbours blur, and the little noise of a large window. Moments and models are those of blocks of pixels,
+//! averaging blurs, and the little noise of a large window. Moments and models are those of blocks of pixels,
 //! and models are interpolated between blocks, as in the fast guided filter (He and Sun 2015).
 
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ pub(crate) const FITTED: usize = 3 * RADII.len();
 const RIDGE: f64 = 1e-3;
 
 /// Light counts at most as this, so that no product is too large.
-const BRIGHTEST: f32 = 1e4;
+const BRIGHTEST_LIGHT: f32 = 1e4;
 
 /// A model gives at most so many times the mean light of its window, and nothing below 0.
 const MOST: f32 = 4.0;
@@ -36,6 +36,9 @@ const MOMENTS: usize = GUIDE + 3 + PAIRS + 3 * GUIDE;
 
 /// Numbers of a model: three slopes for each value of the guide, three constants, and the mean light.
 const MODEL: usize = 3 * GUIDE + 3 + 3;
+
+/// How far, in pixels, a fit looks at most: at the blocks of a window, and at the models of two blocks on each axis.
+pub(crate) const FIT_REACH: usize = (RADII[RADII.len() - 1] + 1) * BLOCK + BLOCK / 2 - 1;
 
 /// The light at each pixel by the models of each window, [H, W, [`RADII`], 3].
 ///
@@ -77,7 +80,7 @@ fn moments(light: &[f32], gbuffer: &[f32], width: usize) -> Vec<[f64; MOMENTS]> 
         let pixels = light.as_chunks::<3>().0.iter().zip(gbuffer.as_chunks::<6>().0).enumerate();
         for (at, (light, pixel)) in pixels {
             let (guide, sums) = (guide(pixel).map(f64::from), &mut found[at % width / BLOCK]);
-            let light = light.map(|value| f64::from(value.clamp(-BRIGHTEST, BRIGHTEST)));
+            let light = light.map(|value| f64::from(value.clamp(-BRIGHTEST_LIGHT, BRIGHTEST_LIGHT)));
             let pairs = (0..GUIDE).flat_map(|i| (0..=i).map(move |j| (i, j))).map(|(i, j)| guide[i] * guide[j]);
             let mixed = guide.iter().flat_map(|guide| light.map(|light| guide * light));
             let values = guide.iter().copied().chain(light).chain(pairs).chain(mixed);
@@ -211,12 +214,42 @@ mod tests {
     }
 
     #[test]
+    fn a_fit_looks_as_far_as_it_says_and_places_in_whole_blocks_change_nothing() {
+        let (height, width) = (16, 160);
+        let (light, _, gbuffer) = made(height, width, 1.0);
+        let whole = fits(&light, &gbuffer, height, width);
+        let at = |found: &[f32], x: usize, width: usize| found[(7 * width + x) * FITTED..][..FITTED].to_vec();
+        let changed = |from: usize| {
+            let (mut light, mut gbuffer) = (light.clone(), gbuffer.clone());
+            for y in 0..height {
+                light[3 * (y * width + from)..3 * (y + 1) * width].fill(9.0);
+                gbuffer[6 * (y * width + from)..6 * (y + 1) * width].fill(0.5);
+            }
+            fits(&light, &gbuffer, height, width)
+        };
+        let mut farthest = 0;
+        for x in 60..64 {
+            let differs = |distance: &usize| at(&changed(x + distance), x, width) != at(&whole, x, width);
+            farthest = (20..60).filter(differs).max().unwrap_or(0).max(farthest);
+        }
+        assert_eq!(farthest, FIT_REACH);
+        // A part that begins at a whole block, seen from farther than that off its edges.
+        let part = |data: &[f32], channels: usize| -> Vec<f32> {
+            data.chunks_exact(channels * width).flat_map(|row| row[channels * 16..channels * 144].to_vec()).collect()
+        };
+        let parts = fits(&part(&light, 3), &part(&gbuffer, 6), height, 128);
+        for x in 60..100 {
+            assert_eq!(at(&parts, x - 16, 128), at(&whole, x, width), "{x}");
+        }
+    }
+
+    #[test]
     fn a_fit_stays_near_the_light_and_finite() {
         let (mut light, _, gbuffer) = made(16, 32, 1.0);
         light[100] = 3e38;
         light[200] = -3e38;
         let found = fits(&light, &gbuffer, 16, 32);
-        assert!(found.iter().all(|value| value.is_finite() && value.abs() <= 4.0 * BRIGHTEST));
+        assert!(found.iter().all(|value| value.is_finite() && value.abs() <= 4.0 * BRIGHTEST_LIGHT));
         // Nothing in, nothing out; and a flat guide gives means.
         assert!(fits(&vec![0.0; 16 * 32 * 3], &gbuffer, 16, 32).iter().all(|value| *value == 0.0));
         let flat = fits(&vec![2.5; 16 * 32 * 3], &vec![0.5; 16 * 32 * 6], 16, 32);

@@ -31,7 +31,7 @@ pub enum Output {
     /// that of the pixel itself is noisy. Needs G-buffers.
     SmoothedMeans,
     /// The same, and weights of local linear models of the light in normals and albedo: they have the light and shadow
-    /// of joints and bumps, which means blur. Needs G-buffers.
+    /// of joints and bumps, which averaging blurs. Needs G-buffers.
     FittedMeans,
     /// Predictions, with nothing known put in: for studies of what the law is worth.
     Values,
@@ -212,13 +212,13 @@ pub(super) const OWN: f32 = 4.0;
 const MODELS: usize = RADII.len();
 
 impl Blend {
-    /// Weights of the models; the rest is that of the mean.
+    /// The weight of the mean, and those of the models.
     #[inline(always)]
-    fn shares(numbers: &[f32; MODELS]) -> [f32; MODELS] {
+    fn shares(numbers: &[f32; MODELS]) -> (f32, [f32; MODELS]) {
         let most = numbers.iter().fold(OWN, |most, number| most.max(*number));
-        let powers = numbers.map(|number| exp(number - most));
-        let sum = powers.iter().fold(exp(OWN - most), |sum, power| sum + power);
-        powers.map(|power| power / sum)
+        let (own, powers) = (exp(OWN - most), numbers.map(|number| exp(number - most)));
+        let sum = powers.iter().fold(own, |sum, power| sum + power);
+        (own / sum, powers.map(|power| power / sum))
     }
 }
 
@@ -230,9 +230,10 @@ impl Operator<2> for Blend {
         let fits = self.fits.as_chunks::<{ 3 * MODELS }>().0;
         let pixels = out.as_chunks_mut::<3>().0.par_iter_mut().zip(fits).zip(numbers.as_chunks::<MODELS>().0);
         pixels.with_min_len(PIXELS).for_each(|((out, fits), numbers)| {
-            let own = *out;
-            for (share, fit) in Self::shares(numbers).iter().zip(fits.as_chunks::<3>().0) {
-                (0..3).for_each(|c| out[c] += share * (fit[c] - own[c]));
+            let (own, shares) = Self::shares(numbers);
+            out.iter_mut().for_each(|out| *out *= own);
+            for (share, fit) in shares.iter().zip(fits.as_chunks::<3>().0) {
+                (0..3).for_each(|c| out[c] += share * fit[c]);
             }
         });
         (out, ())
@@ -244,7 +245,7 @@ impl Operator<2> for Blend {
         let told = mean.as_chunks::<3>().0.par_iter().zip(fits).zip(numbers.as_chunks::<MODELS>().0);
         let found = of_mean.as_chunks_mut::<3>().0.par_iter_mut().zip(of_numbers.as_chunks_mut::<MODELS>().0);
         found.zip(told).with_min_len(PIXELS).for_each(|((of_mean, of_numbers), ((mean, fits), numbers))| {
-            let (shares, gradient) = (Self::shares(numbers), *of_mean);
+            let ((own, shares), gradient) = (Self::shares(numbers), *of_mean);
             // How far each model is off the mean along the gradient, and how far their blend is.
             let mut along = [0.0; MODELS];
             for (along, fit) in along.iter_mut().zip(fits.as_chunks::<3>().0) {
@@ -254,8 +255,7 @@ impl Operator<2> for Blend {
             for (of_number, (share, along)) in of_numbers.iter_mut().zip(shares.iter().zip(&along)) {
                 *of_number = share * (along - whole);
             }
-            let rest = 1.0 - shares.iter().sum::<f32>();
-            of_mean.iter_mut().for_each(|of_mean| *of_mean *= rest);
+            of_mean.iter_mut().for_each(|of_mean| *of_mean *= own);
         });
         [of_mean, of_numbers]
     }
@@ -382,7 +382,7 @@ pub(super) const SLOPES: f32 = 4.0;
 /// Differences of logarithms count by their squares up to this in [`Loss::UnbiasedPreview`], and by their size beyond.
 pub(super) const SQUARED_TO: f32 = 1.0;
 
-/// Mean squared differences in [`Loss::UnbiasedPreview`] that are as good as none: those of 50 dB.
+/// Mean squared differences in [`Loss::UnbiasedPreview`] that are as good as none. Those of previews are weighted.
 pub(super) const NEGLIGIBLE: f32 = 1e-5;
 
 /// Added to radiance in previews: the slope of a square root has no end.

@@ -146,7 +146,7 @@ pub(crate) struct Unet {
     head: Layer,
     shade: Option<Layer>,
     fits: Option<Layer>,
-    fitted: Option<Layer>,
+    blend: Option<Layer>,
     guide: Option<Layer>,
     smooth: Option<Layer>,
     normalise: bool,
@@ -202,8 +202,8 @@ impl Unet {
         let head = build.conv("head", plan.widths[0], 4 * output.numbers(plan.sides), Start::Zero);
         let shade = output.is_shaded().then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
         // Local models are not seen at first, and hardly count.
-        let fitted = output.is_fitted().then(|| build.conv("fitted", 4 * FITTED, plan.widths[0], Start::Zero));
-        let fits = output.is_fitted().then(|| build.conv("fits", plan.widths[0], 4 * RADII.len(), Start::Zero));
+        let fits = output.is_fitted().then(|| build.conv("fits", 4 * FITTED, plan.widths[0], Start::Zero));
+        let blend = output.is_fitted().then(|| build.conv("blend", plan.widths[0], 4 * RADII.len(), Start::Zero));
         let strengths = 4 * GUIDES * plan.sides.len();
         let guide = output.is_guided().then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
         let places = 4 * SMOOTHED * SMOOTHED;
@@ -221,7 +221,7 @@ impl Unet {
             head,
             shade,
             fits,
-            fitted,
+            blend,
             guide,
             smooth,
             normalise,
@@ -275,7 +275,7 @@ impl Unet {
         let time = silu(run.linear(self.time[0], inputs.clock));
         let time = silu(run.linear(self.time[1], time));
         let mut x = run.conv(self.stem, fold(inputs.features));
-        if let Some((layer, fits)) = self.fitted.zip(inputs.fits) {
+        if let Some((layer, fits)) = self.fits.zip(inputs.fits) {
             x = x + run.conv(layer, fold(fits));
         }
         let mut skips = Vec::new();
@@ -293,8 +293,8 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = run.activated(x, self.last, &time);
-        let [shades, fits, strengths, smooths] =
-            [self.shade, self.fits, self.guide, self.smooth].map(|layer| layer.map(|layer| run.conv(layer, x.clone())));
+        let [shades, fits, strengths, smooths] = [self.shade, self.blend, self.guide, self.smooth]
+            .map(|layer| layer.map(|layer| run.conv(layer, x.clone())));
         let numbers = run.conv(self.head, x);
         match inputs.head {
             Some(head) => head.expand(Heads { numbers, shades, fits, strengths, smooths }),

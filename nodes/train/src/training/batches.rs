@@ -357,13 +357,10 @@ impl DataSet {
                 };
                 let mut ends = to.map(encode);
                 if let Some(half) = halves.as_mut().and_then(Iterator::next) {
-                    // Of a target that contains the input's samples, the network predicts their noise as it is.
-                    let rest = to_count - from_count;
-                    let share = if pick.apart { to_count / rest } else { rest / to_count };
                     for c in [0, 1, 2] {
-                        let (half, all) = ((half[c], half_count), (all[c], to_count));
-                        ends[c] += share * curved(half, all, encode);
-                        previews.push(preview(to[c]) + share * curved(half, all, preview));
+                        let rungs = [(from[c], from_count), (half[c], half_count), (all[c], to_count)];
+                        ends[c] = unbiased(rungs, pick.apart, encode);
+                        previews.push(unbiased(rungs, pick.apart, preview));
                     }
                 }
                 let parts = [0, 1, 2].map(|c| lesson.example(encode(from[c]), ends[c]));
@@ -387,14 +384,26 @@ fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
     if all.0 >= 0.0 { rest.max(0.0) } else { rest }
 }
 
-/// What a curve of a mean of noisy samples lacks, on average, to the curve of their expectation.
+/// An estimate of f at the expectation of a target, whose bias is of second order.
 ///
-/// The bias of f(mean of n samples) is proportional to 1/n up to higher orders: weighted by their samples, two parts of
-/// them have twice the bias of all. The difference estimates it (the jackknife of Quenouille 1956 with two groups).
-/// `some` is nested in `all`; both are means with their sample counts.
-fn curved(some: (f32, f32), all: (f32, f32), f: impl Fn(f32) -> f32) -> f32 {
-    let share = some.1 / all.1;
-    f(all.0) - (share * f(some.0) + (1.0 - share) * f(others(some, all)))
+/// The rungs are those of the input, the second last, and the last, nested, each a mean with its sample count. The
+/// target is the mean of the samples that the input lacks, or, if it is not `apart`, of all samples: then only those
+/// that the input lacks are noise.
+///
+/// The bias of f(mean of n samples) is proportional to 1/n up to higher orders: weighted by their samples, two groups
+/// have twice the bias of both together (the jackknife of Quenouille 1956). Groups with samples of the input would make
+/// the correction depend on its noise. Beside the second-last rung there is one group only, and no correction.
+fn unbiased(rungs: [(f32, f32); 3], apart: bool, f: impl Fn(f32) -> f32) -> f32 {
+    let [input, half, all] = rungs;
+    let lacking = all.1 - input.1;
+    let target = |rest: f32| if apart { rest } else { (input.1 * input.0 + lacking * rest) / all.1 };
+    let whole = f(if apart { others(input, all) } else { all.0 });
+    if half.1 <= input.1 {
+        return whole;
+    }
+    let share = (half.1 - input.1) / lacking;
+    let groups = share * f(target(others(input, half))) + (1.0 - share) * f(target(others(half, all)));
+    2.0 * whole - groups
 }
 
 /// Width and height of a scene's images.

@@ -157,65 +157,93 @@ fn even(rungs: &[(u64, f32)]) -> DataSet {
 }
 
 #[test]
-fn targets_are_corrected_by_what_their_halves_lose_in_a_curve() {
-    let factors = Factors::new(Parameterization::McNoise, &[8, 16], Law::Covariances).expect("a ladder");
-    let encoding = Encoding { factors, space: Space::Log1p, gbuffer: false, ..encoding(Parameterization::McNoise) };
-    let drawn = |loss: Loss, draw: Draw| {
-        let set = even(&[(8, 0.2), (16, 0.3)]).for_loss(loss).expect("independent samples");
-        let batch = set.draw(&encoding, &draw, 0);
-        // The clean image's logarithm, and its preview.
-        (batch.states[0][0] - batch.targets[0], batch.previews.as_ref().map(|previews| previews[0]))
+fn corrected_targets_are_those_of_each_pixels_own_rung() {
+    const RUNGS: [(u64, f32); 4] = [(2, 0.1), (4, 0.15), (8, 0.2), (16, 0.3)];
+    let factors = Factors::new(Parameterization::McNoise, &RUNGS.map(|(count, _)| count), Law::Covariances);
+    let encoding = Encoding {
+        factors: factors.expect("a ladder"),
+        space: Space::Log1p,
+        gbuffer: false,
+        ..encoding(Parameterization::McNoise)
     };
-    let apart = Draw { unknown_counts: 1.0, independent_targets: true, ..PLAIN };
-    // All 16 samples of which the input has 8, and the other 8, whose mean is 0.4. The noise is that of 8 samples in
-    // 16: half of the variance of the mean of 16, and twice that variance.
-    for (draw, target, share) in [(PLAIN, 0.3, 0.5), (apart, 0.4, 2.0)] {
-        let expected = |f: &dyn Fn(f32) -> f32| f(target) + share * (f(0.3) - 0.5 * (f(0.2) + f(0.4)));
-        let (log, preview) = drawn(Loss::UnbiasedPreview, draw);
-        assert!((log - expected(&f32::ln_1p)).abs() < 1e-6, "{log} {}", expected(&f32::ln_1p));
-        let preview = preview.expect("asked for");
-        assert!((preview - expected(&preview_of)).abs() < 1e-6, "{preview} {}", expected(&preview_of));
-        let (log, preview) = drawn(Loss::Preview, draw);
-        assert!((log - target.ln_1p()).abs() < 1e-6 && preview.is_none());
+    let apart = Draw { unknown_counts: 1.0, independent_targets: true, batch: 20, ..PLAIN };
+    for draw in [Draw { batch: 20, ..PLAIN }, apart, Draw { uneven_counts: 1.0, ..apart }] {
+        let apart = draw.independent_targets;
+        let mut seen = BTreeSet::new();
+        for (loss, step) in
+            [Loss::UnbiasedPreview, Loss::Preview].into_iter().flat_map(|loss| [0, 1].map(|i| (loss, i)))
+        {
+            let set = even(&RUNGS).for_loss(loss).expect("independent samples");
+            let batch = set.draw(&encoding, &draw, step);
+            for (at, (state, target)) in batch.states.concat().iter().zip(batch.targets.iter()).enumerate() {
+                let rung = RUNGS.iter().position(|(_, value)| (value.ln_1p() - state).abs() < 1e-6).expect("a rung");
+                let input = (RUNGS[rung].1, RUNGS[rung].0 as f32);
+                let expected = |f: &dyn Fn(f32) -> f32| match loss {
+                    Loss::UnbiasedPreview => unbiased([input, (0.2, 8.0), (0.3, 16.0)], apart, f),
+                    _ => f(if apart { others(input, (0.3, 16.0)) } else { 0.3 }),
+                };
+                let log = state - target;
+                assert!((log - expected(&f32::ln_1p)).abs() < 1e-5, "{rung}: {log} {}", expected(&f32::ln_1p));
+                let preview = batch.previews.as_ref().map(|previews| previews[at]);
+                assert_eq!(preview.is_some(), loss == Loss::UnbiasedPreview);
+                assert!(preview.is_none_or(|preview| (preview - expected(&preview_of)).abs() < 1e-5));
+                seen.insert(rung);
+            }
+        }
+        assert_eq!(seen.len(), 3);
     }
-    let mut correlated = even(&[(8, 0.2), (16, 0.3)]);
+    let mut correlated = even(&RUNGS);
     correlated.sampler = SamplerKind::Sobol;
     let told = correlated.for_loss(Loss::UnbiasedPreview).expect_err("Sobol' points").to_string();
     assert!(told.contains("independent"), "{told}");
 }
 
 #[test]
-fn corrected_curves_of_noisy_means_are_right_on_average() {
-    // 16 samples of exponential distribution, mean 0.3; any 4 of them, or any 8, may be the part.
+fn corrections_have_no_bias_whatever_the_noise_of_the_input() {
+    // 32 samples of exponential distribution, mean 0.3. Groups of dark, middling and bright inputs of 4 or 8 of them.
+    const DRAWS: usize = 150_000;
     let mut stream = Stream::new(1, &[]);
     let mut exponential = |count: usize| (0..count).map(|_| -0.3 * maths::log(1.0 - stream.uniform())).sum::<f64>();
-    for part in [4usize, 8] {
-        let mut found = [[0.0; 2]; 4];
-        const DRAWS: usize = 100_000;
-        for _ in 0..DRAWS {
-            let (some, rest) = (exponential(part), exponential(16 - part));
-            let some = ((some / part as f64) as f32, part as f32);
-            let all = ((f64::from(some.0) * part as f64 + rest) as f32 / 16.0, 16.0);
-            let values = [
-                all.0.ln_1p(),
-                preview_of(all.0),
-                all.0.ln_1p() + curved(some, all, f32::ln_1p),
-                preview_of(all.0) + curved(some, all, preview_of),
-            ];
-            for (found, value) in found.iter_mut().zip(values.map(f64::from)) {
-                *found = [found[0] + value, found[1] + value * value];
+    for count in [4usize, 8] {
+        for apart in [false, true] {
+            // By group, curve, and whether it is corrected: draws, sum and sum of squares of the errors.
+            let mut found = [[[[0.0; 3]; 2]; 2]; 3];
+            for _ in 0..DRAWS {
+                let sums = [exponential(count), exponential(16 - count), exponential(16)];
+                let mean = |sum: f64, count: usize| ((sum / count as f64) as f32, count as f32);
+                let input = mean(sums[0], count);
+                let rungs = [input, mean(sums[0] + sums[1], 16), mean(sums.iter().sum(), 32)];
+                let group = if input.0 < 0.25 {
+                    0
+                } else if input.0 < 0.35 {
+                    1
+                } else {
+                    2
+                };
+                // The target's expectation, of the input's samples as they are.
+                let clean = if apart { 0.3 } else { (sums[0] as f32 + 0.3 * (32 - count) as f32) / 32.0 };
+                let plain = if apart { others(rungs[0], rungs[2]) } else { rungs[2].0 };
+                let curves: [&dyn Fn(f32) -> f32; 2] = [&f32::ln_1p, &preview_of];
+                for (found, f) in found[group].iter_mut().zip(curves) {
+                    for (found, value) in found.iter_mut().zip([f(plain), unbiased(rungs, apart, f)]) {
+                        let error = f64::from(value - f(clean));
+                        found.iter_mut().zip([1.0, error, error * error]).for_each(|(sum, part)| *sum += part);
+                    }
+                }
+            }
+            for (group, found) in found.iter().enumerate() {
+                let of = |[draws, sum, squares]: [f64; 3]| {
+                    let mean = sum / draws;
+                    (mean, mean / ((squares / draws - mean * mean) / draws).sqrt())
+                };
+                let found = found.map(|curve| curve.map(of));
+                println!("{count} samples, apart {apart}, group {group}: bias and standard errors {found:?}");
+                for [(plain, _), (corrected, errors)] in found {
+                    assert!(plain < 0.0, "noise makes curves darker: {found:?}");
+                    assert!(errors.abs() < 4.0 || corrected.abs() < 0.1 * plain.abs(), "{found:?}");
+                }
             }
         }
-        let expected = [0.3f64.ln_1p(), f64::from(preview_of(0.3))];
-        let errors: Vec<f64> = (0..4)
-            .map(|i| {
-                let (mean, square) = (found[i][0] / DRAWS as f64, found[i][1] / DRAWS as f64);
-                (mean - expected[i % 2]) / ((square - mean * mean) / DRAWS as f64).sqrt()
-            })
-            .collect();
-        println!("{part}: standard errors {errors:?}");
-        assert!(errors[0] < -6.0 && errors[1] < -20.0, "noise makes curves darker: {errors:?}");
-        assert!(errors[2].abs() < 4.0 && errors[3].abs() < 4.0, "what is left is of second order: {errors:?}");
     }
 }
 
