@@ -39,6 +39,17 @@ pub(crate) struct Batch {
     pub(crate) side: usize,
 }
 
+/// The window of a pick.
+struct Example {
+    /// [H, W, 3], like targets and previews.
+    state: Vec<f32>,
+    target: Vec<f32>,
+    /// Those of the target; empty if targets are not corrected.
+    previews: Vec<f32>,
+    /// [H, W, 6].
+    gbuffer: Option<Vec<f32>>,
+}
+
 /// One example: which scene, rung, window and turn.
 #[derive(Clone, Copy, Debug)]
 struct Pick {
@@ -314,11 +325,11 @@ impl DataSet {
             previews: None,
             side,
         };
-        for (pick, (state, (target, preview), gbuffer)) in picks.iter().zip(examples) {
-            targets.extend(target);
-            previews.extend(preview);
-            batch.states.push(state);
-            batch.gbuffers.push(gbuffer);
+        for (pick, example) in picks.iter().zip(examples) {
+            targets.extend(example.target);
+            previews.extend(example.previews);
+            batch.states.push(example.state);
+            batch.gbuffers.push(example.gbuffer);
             let tau =
                 encoding.factors.parameterization().time(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
             batch.tau.push(pick.told.then_some(tau));
@@ -328,16 +339,11 @@ impl DataSet {
         batch
     }
 
-    /// State, target with its previews, and G-buffer of a pick. There are previews only if targets are corrected.
-    fn example(
-        &self,
-        encoding: &Encoding,
-        pick: &Pick,
-        side: usize,
-    ) -> (Vec<f32>, (Vec<f32>, Vec<f32>), Option<Vec<f32>>) {
+    /// What the network sees and learns of a pick.
+    fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> Example {
         let lesson =
             encoding.factors.parameterization().lesson(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
-        let read = |scene: usize| -> (Vec<f32>, (Vec<f32>, Vec<f32>)) {
+        let read = |scene: usize| -> [Vec<f32>; 3] {
             let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
             let preview = |v: f32| preview_of(v * pick.scale);
@@ -367,13 +373,15 @@ impl DataSet {
                 (parts.map(|(state, _)| state), parts.map(|(_, target)| target))
             });
             let (states, targets): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.unzip();
-            (states.into_flattened(), (targets.into_flattened(), previews))
+            [states.into_flattened(), targets.into_flattened(), previews]
         };
-        let (state, target) = read(pick.scene);
-        let target = if pick.target == pick.scene { target } else { read(pick.target).1 };
+        let [state, mut target, mut previews] = read(pick.scene);
+        if pick.target != pick.scene {
+            [_, target, previews] = read(pick.target);
+        }
         let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
         let turned = |gbuffer: &Image| pick.turned(gbuffer, &pick.places((gbuffer.width(), gbuffer.height()), side));
-        (state, target, gbuffer.map(turned))
+        Example { state, target, previews, gbuffer: gbuffer.map(turned) }
     }
 }
 
