@@ -51,16 +51,18 @@ pub(crate) fn fits(light: &[f32], gbuffer: &[f32], height: usize, width: usize) 
         let rows = out.par_chunks_exact_mut(width * FITTED).zip(gbuffer.par_chunks_exact(6 * width)).enumerate();
         rows.for_each(|(y, (out, gbuffer))| {
             let row = between_rows(&models, width / BLOCK, y);
-            for (x, (out, pixel)) in out.chunks_exact_mut(FITTED).zip(gbuffer.as_chunks::<6>().0).enumerate() {
+            let pixels = out.as_chunks_mut::<FITTED>().0.iter_mut().zip(gbuffer.as_chunks::<6>().0).enumerate();
+            for (x, (out, pixel)) in pixels {
                 let (first, second, share) = neighbours(x, width / BLOCK);
-                let (first, second) = (&row[first], &row[second]);
-                let at = |i: usize| first[i] + share * (second[i] - first[i]);
-                let guide = guide(pixel);
-                for colour in 0..3 {
-                    let slopes = (0..GUIDE).map(|k| at(3 * k + colour) * guide[k]);
-                    let most = MOST * at(3 * GUIDE + 3 + colour);
-                    let value = slopes.fold(at(3 * GUIDE + colour), |sum, part| sum + part);
-                    out[3 * window + colour] = value.clamp(most.min(0.0), most.max(0.0));
+                let model = mixed(&row[first], &row[second], share);
+                let (slopes, rest) = model.split_at(3 * GUIDE);
+                let (mut value, most) = ([rest[0], rest[1], rest[2]], [rest[3], rest[4], rest[5]]);
+                for (guide, slopes) in guide(pixel).iter().zip(slopes.as_chunks::<3>().0) {
+                    (0..3).for_each(|c| value[c] += slopes[c] * guide);
+                }
+                for c in 0..3 {
+                    let most = MOST * most[c];
+                    out[3 * window + c] = value[c].clamp(most.min(0.0), most.max(0.0));
                 }
             }
         });
@@ -81,10 +83,15 @@ fn moments(light: &[f32], gbuffer: &[f32], width: usize) -> Vec<[f64; MOMENTS]> 
         for (at, (light, pixel)) in pixels {
             let (guide, sums) = (guide(pixel).map(f64::from), &mut found[at % width / BLOCK]);
             let light = light.map(|value| f64::from(value.clamp(-BRIGHTEST_LIGHT, BRIGHTEST_LIGHT)));
-            let pairs = (0..GUIDE).flat_map(|i| (0..=i).map(move |j| (i, j))).map(|(i, j)| guide[i] * guide[j]);
-            let mixed = guide.iter().flat_map(|guide| light.map(|light| guide * light));
-            let values = guide.iter().copied().chain(light).chain(pairs).chain(mixed);
-            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+            let (of_guide, sums) = sums.split_at_mut(GUIDE);
+            let (of_light, sums) = sums.split_at_mut(3);
+            let (of_pairs, of_mixed) = sums.split_at_mut(PAIRS);
+            (0..GUIDE).for_each(|i| of_guide[i] += guide[i]);
+            (0..3).for_each(|c| of_light[c] += light[c]);
+            for i in 0..GUIDE {
+                (0..=i).for_each(|j| of_pairs[i * (i + 1) / 2 + j] += guide[i] * guide[j]);
+                (0..3).for_each(|c| of_mixed[3 * i + c] += guide[i] * light[c]);
+            }
         }
         found.iter_mut().flatten().for_each(|sum| *sum /= (BLOCK * BLOCK) as f64);
         found
@@ -95,19 +102,24 @@ fn moments(light: &[f32], gbuffer: &[f32], width: usize) -> Vec<[f64; MOMENTS]> 
 /// Means over the blocks around each block, of those that there are.
 fn window_means(blocks: &[[f64; MOMENTS]], width: usize, radius: usize) -> Vec<[f64; MOMENTS]> {
     let height = blocks.len() / width;
-    let mean = |places: std::ops::RangeInclusive<usize>, of: &dyn Fn(usize) -> [f64; MOMENTS]| {
-        let share = 1.0 / (places.end() - places.start() + 1) as f64;
-        let mut sums = [0.0; MOMENTS];
-        for place in places {
-            sums.iter_mut().zip(of(place)).for_each(|(sum, value)| *sum += value);
-        }
-        sums.map(|sum| sum * share)
-    };
     let around = |at: usize, length: usize| at.saturating_sub(radius)..=(at + radius).min(length - 1);
-    let of_rows = |i: usize| mean(around(i % width, width), &|x| blocks[i / width * width + x]);
-    let rows: Vec<[f64; MOMENTS]> = (0..blocks.len()).into_par_iter().map(of_rows).collect();
-    let of_columns = |i: usize| mean(around(i / width, height), &|y| rows[y * width + i % width]);
-    (0..blocks.len()).into_par_iter().map(of_columns).collect()
+    let of_rows = |i: usize| {
+        let row = &blocks[i / width * width..][..width];
+        mean(row[around(i % width, width)].iter())
+    };
+    let rows: Vec<[f64; MOMENTS]> = (0..blocks.len()).into_par_iter().with_min_len(64).map(of_rows).collect();
+    let of_columns = |i: usize| mean(around(i / width, height).map(|y| &rows[y * width + i % width]));
+    (0..blocks.len()).into_par_iter().with_min_len(64).map(of_columns).collect()
+}
+
+fn mean<'a>(blocks: impl Iterator<Item = &'a [f64; MOMENTS]>) -> [f64; MOMENTS] {
+    let (mut sums, mut count) = ([0.0; MOMENTS], 0u32);
+    for block in blocks {
+        (0..MOMENTS).for_each(|i| sums[i] += block[i]);
+        count += 1;
+    }
+    let share = 1.0 / f64::from(count);
+    sums.map(|sum| sum * share)
 }
 
 /// The linear model of light with these means.
@@ -154,10 +166,13 @@ fn neighbours(at: usize, blocks: usize) -> (usize, usize, f32) {
 fn between_rows(models: &[[f32; MODEL]], width: usize, y: usize) -> Vec<[f32; MODEL]> {
     let (first, second, share) = neighbours(y, models.len() / width);
     let [first, second] = [first, second].map(|row| &models[row * width..(row + 1) * width]);
-    let mixed = |(first, second): (&[f32; MODEL], &[f32; MODEL])| {
-        std::array::from_fn(|i| first[i] + share * (second[i] - first[i]))
-    };
-    first.iter().zip(second).map(mixed).collect()
+    first.iter().zip(second).map(|(first, second)| mixed(first, second, share)).collect()
+}
+
+/// The model at a share of the way from one to another.
+#[inline(always)]
+fn mixed(first: &[f32; MODEL], second: &[f32; MODEL], share: f32) -> [f32; MODEL] {
+    std::array::from_fn(|i| first[i] + share * (second[i] - first[i]))
 }
 
 #[cfg(test)]
