@@ -33,7 +33,7 @@ pub(crate) struct DenoiseArgs {
     /// Image to write: .exr (linear radiance) or .png (exposed preview). A folder for several images.
     #[arg(short, long, value_name = "FILE|FOLDER")]
     out: PathBuf,
-    /// Bundled model: `best`, or `fast`, which takes about 0.6 times the time.
+    /// Bundled model: `best`, or `fast`, which takes about 0.6 to 0.7 times the time.
     #[arg(long, value_name = "NAME", default_value = "best", value_parser = ["best", "fast"])]
     weights: String,
     /// Model file to use in place of the bundled ones; it must have been trained with `unknown_counts`, or --spp given.
