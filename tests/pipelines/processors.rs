@@ -7,8 +7,8 @@ use crate::edits::PIPELINE;
 use std::{fs, path::Path, process::Command};
 use tauflow_testing::{Need, skip};
 
-/// What the defaults of trainings leave out: G-buffers, logarithms, a loss of images, local models, low rungs, all
-/// eight views; and 32 x 32 pixels, from which on convolutions have minimal filtering.
+/// Nodes with what the defaults of trainings leave out: G-buffers, logarithms, a loss of images, local models, low
+/// rungs, all eight views; and 32 x 32 pixels, from which on convolutions have minimal filtering.
 const MORE: &str = r"
   gbuffer_set:
     kind: dataset_packing

@@ -382,7 +382,7 @@ pub(super) const SLOPES: f32 = 4.0;
 /// Differences of logarithms count by their squares up to this in [`Loss::UnbiasedPreview`], and by their size beyond.
 pub(super) const SQUARED_TO: f32 = 1.0;
 
-/// Mean squared differences in [`Loss::UnbiasedPreview`] that are as good as none. Those of previews are weighted.
+/// Added to mean squared differences in [`Loss::UnbiasedPreview`], so that smaller ones hardly count.
 pub(super) const NEGLIGIBLE: f32 = 1e-5;
 
 /// Added to radiance in previews: the slope of a square root has no end.

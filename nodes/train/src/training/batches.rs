@@ -44,7 +44,7 @@ struct Example {
     /// [H, W, 3], like targets and previews.
     state: Vec<f32>,
     target: Vec<f32>,
-    /// Those of the target; empty if targets are not corrected.
+    /// The target's previews; empty if targets are not corrected.
     previews: Vec<f32>,
     /// [H, W, 6].
     gbuffer: Option<Vec<f32>>,
@@ -339,7 +339,7 @@ impl DataSet {
         batch
     }
 
-    /// What the network sees and learns of a pick.
+    /// The window of a pick, with the target that the network learns.
     fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> Example {
         let lesson =
             encoding.factors.parameterization().lesson(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
@@ -400,7 +400,7 @@ fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
 ///
 /// The bias of f(mean of n samples) is proportional to 1/n up to higher orders: weighted by their samples, two groups
 /// have twice the bias of both together (the jackknife of Quenouille 1956). Groups with samples of the input would make
-/// the correction depend on its noise. Beside the second-last rung there is one group only, and no correction.
+/// the correction depend on its noise. An input of the second-last rung leaves one group, and no correction.
 fn unbiased(rungs: [(f32, f32); 3], apart: bool, f: impl Fn(f32) -> f32) -> f32 {
     let [input, half, all] = rungs;
     let lacking = all.1 - input.1;
