@@ -439,6 +439,17 @@ impl MeanLoss {
         each.map(|((state, p), t)| tone(state - p) - tone(state - t)).collect()
     }
 
+    /// The gradient of the weighted squares of differences of previews and of their edges.
+    fn slopes_of_previews(shown: &Shown, off: &[f32]) -> Vec<f32> {
+        let mut slopes: Vec<f32> = off.iter().map(|off| 2.0 * PREVIEWS * off).collect();
+        Self::edges(shown, |a, b| {
+            let slope = 2.0 * SLOPES * (off[a] - off[b]);
+            slopes[a] += slope;
+            slopes[b] -= slope;
+        });
+        slopes
+    }
+
     /// What [`Loss::UnbiasedPreview`] judges by: the images, and the previews that they should have.
     fn unbiased(&self) -> Option<(&Shown, &[f32])> {
         let shown = self.shown.as_ref().filter(|_| self.loss == Loss::UnbiasedPreview)?;
@@ -475,12 +486,7 @@ impl MeanLoss {
     fn unbiased_gradient(&self, shown: &Shown, prediction: &[f32], previews: &[f32], scale: f32) -> Vec<f32> {
         let (size, off) = (self.example(shown), self.off(shown, prediction, previews));
         let errors = self.errors(shown, prediction, &off);
-        let mut slopes: Vec<f32> = off.iter().map(|off| 2.0 * PREVIEWS * off).collect();
-        Self::edges(shown, |a, b| {
-            let slope = 2.0 * SLOPES * (off[a] - off[b]);
-            slopes[a] += slope;
-            slopes[b] -= slope;
-        });
+        let slopes = Self::slopes_of_previews(shown, &off);
         let each = prediction.iter().zip(self.target.iter()).zip(shown.state.iter()).zip(slopes).enumerate();
         each.map(|(at, (((p, t), state), slope))| {
             let [logs, previews] = errors[at / size].map(|error| 0.5 * scale / (error as f32 + NEGLIGIBLE));
@@ -554,12 +560,7 @@ impl Operator<1> for MeanLoss {
         let mut out: Vec<f32> = prediction.iter().zip(self.target.iter()).map(of).collect();
         if let Some(shown) = self.shown.as_ref().filter(|_| self.loss == Loss::Preview) {
             let off = self.tones(shown, prediction, preview);
-            let mut slopes: Vec<f32> = off.iter().map(|off| 2.0 * PREVIEWS * off).collect();
-            Self::edges(shown, |a, b| {
-                let slope = 2.0 * SLOPES * (off[a] - off[b]);
-                slopes[a] += slope;
-                slopes[b] -= slope;
-            });
+            let slopes = Self::slopes_of_previews(shown, &off);
             for (((out, slope), state), p) in out.iter_mut().zip(slopes).zip(shown.state.iter()).zip(prediction) {
                 *out -= scale * slope * preview_slope(state - p);
             }
