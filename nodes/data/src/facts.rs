@@ -69,6 +69,29 @@ pub fn same_rungs(port: impl Named, source: &Source, other: &Source) -> Option<F
     })
 }
 
+/// The source with the longest ladder, the first of several; none if the ladder of one is unknown.
+pub fn longest(sources: &[Source]) -> Option<&Source> {
+    let lengths: Option<Vec<usize>> = sources.iter().map(|source| Some(source.facts.get(RUNGS)?.len())).collect();
+    let lengths = lengths?;
+    let most = *lengths.iter().max()?;
+    sources.iter().zip(&lengths).find(|(_, length)| **length == most).map(|(source, _)| source)
+}
+
+/// Whether a ladder that may end before another has only first rungs of it; `port` is the input of `source`.
+pub fn first_rungs(port: impl Named, source: &Source, longer: &Source) -> Option<Foreseen> {
+    let (rungs, others) = (source.facts.get(RUNGS)?, longer.facts.get(RUNGS)?);
+    (!others.starts_with(&rungs)).then(|| {
+        let message = format!(
+            "`{}` has the rungs {}, but `{}` has {}",
+            source.name,
+            listed(&rungs),
+            longer.name,
+            listed(&others)
+        );
+        Foreseen::input(port, message, "give both ladders the same `rungs`, or one of them the first of the other's")
+    })
+}
+
 /// Whether images that are compared have the same size; `port` is the input of `source`.
 pub fn same_film(port: impl Named, source: &Source, other: &Source) -> Option<Foreseen> {
     let (film, others) = (source.facts.get(FILM)?, other.facts.get(FILM)?);
@@ -152,6 +175,20 @@ mod tests {
         assert_eq!(told.hint, "use 2 or 4, or add 3 to `rungs` of the ladders");
         assert!(rung(&ladder, 8, "/from").expect("no such rung").hint.starts_with("use 4, or"));
         assert_eq!(rung(&source("set", Facts::default()), 3, "/from"), None, "what is not known is no error");
+    }
+
+    #[test]
+    fn ladders_may_be_the_first_rungs_of_the_longest() {
+        let set = |name: &str, rungs: &[u64]| source(name, Facts::default().with(RUNGS, rungs.to_vec()));
+        let sets = [set("short", &[1, 2]), set("long", &[1, 2, 4]), set("as long", &[1, 3, 9])];
+        let most = longest(&sets).expect("all are known");
+        assert_eq!(most.name, "long");
+        assert_eq!((first_rungs(PORT, &sets[0], most), first_rungs(PORT, most, most)), (None, None));
+        let told = first_rungs(PORT, &sets[2], most).expect("other rungs");
+        assert_eq!(told.message, "`as long` has the rungs 1, 3, 9, but `long` has 1, 2, 4");
+        assert!(
+            longest(&[set("known", &[1]), source("unknown", Facts::default())]).is_none() && longest(&[]).is_none()
+        );
     }
 
     #[test]

@@ -4,7 +4,6 @@
 //! Knows images and times, nothing of data sets or of how it is trained.
 
 pub(crate) mod features;
-mod fits;
 #[cfg(test)]
 mod gradients;
 pub(crate) mod head;

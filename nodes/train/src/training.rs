@@ -52,6 +52,10 @@ const CONVERGENCE: All<Convergence> =
 /// Told where the fitted clock lacks what it is fitted by.
 const UNFITTED: &str = "`clock: fitted` needs the input `convergence`, but nothing is connected to it";
 
+/// Told where ladders are shorter than others and must not be.
+const WHY_WHOLE: &str = "render all with the same `rungs`, or set `unknown_counts` and `independent_targets`, without \
+    which shorter ladders cannot be used";
+
 const MAIN: Group = Group::main(VERSION);
 const MODEL: Out<ModelFile> = Out::new(MAIN, "model", "The averaged weights.").single();
 const LOG: Out<TrainingLog> = Out::new(MAIN, "log", "The loss curve.").single();
@@ -87,8 +91,15 @@ impl Kind for Training {
         let (train, test) = (known.all(TRAIN), known.all(TEST));
         let mut problems: Vec<Foreseen> = Vec::new();
         if let Some(first) = train.first() {
-            problems.extend(train.iter().find_map(|other| facts::same_rungs(TRAIN, other, first)));
-            problems.extend(test.iter().find_map(|other| facts::same_rungs(TEST, other, first)));
+            let longest = facts::longest(train).unwrap_or(first);
+            problems.extend(train.iter().find_map(|other| {
+                let differs = facts::same_rungs(TRAIN, other, longest)?;
+                match params.allows_shorter() {
+                    true => facts::first_rungs(TRAIN, other, longest),
+                    false => Some(differs),
+                }
+            }));
+            problems.extend(test.iter().find_map(|other| facts::same_rungs(TEST, other, longest)));
             problems.extend(train.iter().find_map(|other| facts::same_sampling(TRAIN, other, first)));
             problems.extend(test.iter().find_map(|other| facts::same_sampling(TEST, other, first)));
             if params.independent_targets {
@@ -105,7 +116,7 @@ impl Kind for Training {
         problems.extend(train.iter().find_map(|set| facts::gbuffer(TRAIN, set, params.conditioning)));
         problems.extend(test.iter().find_map(|set| facts::gbuffer(TEST, set, params.conditioning)));
         let model = Facts::default()
-            .with_some(RUNGS, facts::shared(train, RUNGS))
+            .with_some(RUNGS, facts::longest(train).and_then(|longest| longest.facts.get(RUNGS)))
             .with_some(INDEPENDENT, facts::shared(train, INDEPENDENT))
             .with(CONDITIONING, params.conditioning)
             .with(PARAMETERIZATION, params.parameterization);
@@ -231,15 +242,21 @@ impl OneTraining<'_> {
     fn run(&self, share: &mut Share) -> Result<Outputs, KindError> {
         let (ctx, params) = (self.ctx, self.params);
         let train = DataSet::load(ctx, self.train, TRAIN, params.conditioning)?.for_loss(params.loss)?;
+        if !train.is_whole() && !params.allows_shorter() {
+            return Err(KindError::Input(format!(
+                "some training scenes lack the last of the rungs {:?}; {WHY_WHOLE}",
+                train.counts
+            )));
+        }
         let test = match self.test {
             Some(test) if !test.is_empty() => {
                 Some(DataSet::load(ctx, test, TEST, params.conditioning)?.for_loss(params.loss)?)
             }
             _ => None,
         };
-        if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts) {
+        if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts || !t.is_whole()) {
             return Err(KindError::Input(format!(
-                "the test scenes have rungs {:?}, but the training scenes have {:?}; give both ladders the same \
+                "the test scenes have rungs {:?}, but the training scenes have {:?}; give all test scenes all of the \
                 `rungs`",
                 test.counts, train.counts
             )));

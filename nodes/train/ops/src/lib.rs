@@ -17,6 +17,7 @@ mod group_norm;
 #[cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "calls functions for instructions that were detected"))]
 mod instructions;
 mod lanes;
+mod local_models;
 
 #[cfg(test)]
 mod made_up;
@@ -35,6 +36,7 @@ pub use elementary::{exp, expm1, log1p, map, map2};
 pub use fold::Fold;
 pub use group_norm::{GroupMoments, GroupNorm};
 pub use instructions::Instructions;
+pub use local_models::{FARTHEST_FITTED, LOCAL_MODELS, local_models};
 pub use memory::keep as keep_memory;
 pub use normalisation::{GROUP, NormSilu, Silu};
 pub use operator::Operator;

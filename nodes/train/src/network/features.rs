@@ -1,9 +1,8 @@
 //! The input features of the network, and the units of its output.
 
 use super::{
-    fits::{FIT_REACH, FITTED, fits},
     head::{Answer, Blend, Head, Output, SMOOTHED},
-    unet::{Inputs, Preset, Unet},
+    unet::{FITTED, Inputs, Preset, Unet},
 };
 use crate::{
     law::Factors,
@@ -15,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, ops::RangeInclusive, sync::Arc};
 use tauflow_data::maths;
-use tauflow_ops::{Guides, Pyramid, expm1, map, map2};
+use tauflow_ops::{FARTHEST_FITTED, Guides, Pyramid, expm1, local_models, map, map2};
 
 /// Numbers that tell the time.
 pub(crate) const CLOCK: usize = 14;
@@ -156,7 +155,7 @@ impl Encoding {
             clock.extend(self.time(sample.tau));
             gains.push(self.factors.at(sample.tau) as f32);
             if let Some(gbuffer) = gbuffer.filter(|_| self.output.is_fitted()) {
-                append(&mut fitted, fits(&light, gbuffer, height, width));
+                append(&mut fitted, local_models(&light, gbuffer, height, width));
             }
             append(&mut lights, light);
             append(&mut albedos, albedo.unwrap_or_default());
@@ -199,7 +198,7 @@ impl Encoding {
         let contrasts = if self.features == Features::Plain { 0 } else { 2 * REACH };
         let windows = (0..).zip(self.preset.sides()).map(|(scale, side)| (side / 2 + 1) << scale).max().unwrap_or(0);
         // The network looks at fits as at contrasts.
-        let models = if self.output.is_fitted() { FIT_REACH } else { 0 };
+        let models = if self.output.is_fitted() { FARTHEST_FITTED } else { 0 };
         let contrasts = contrasts.max(models);
         // Coverage looks at the pixels beside each pixel that is looked at.
         let beside = usize::from(self.gbuffer && self.features == Features::Covered);

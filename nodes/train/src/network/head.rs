@@ -6,12 +6,11 @@
 //! therefore needs no output of a thousand, texture is preserved, and the network does not learn known scales. Albedo
 //! of few samples is noisy at edges, so that the mean can be multiplied by a weighted mean of albedo instead.
 
-use super::fits::RADII;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::sync::Arc;
 use tauflow_data::maths;
-use tauflow_ops::{GuidedMean, Guides, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
+use tauflow_ops::{GuidedMean, Guides, LOCAL_MODELS, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
 use tauflow_tensors::{apply, layers::unfold};
 
 /// Output of the network.
@@ -209,12 +208,10 @@ pub(crate) struct Blend {
 /// The number of the mean: at first it has nearly all of the weight.
 pub(super) const OWN: f32 = 4.0;
 
-const MODELS: usize = RADII.len();
-
 impl Blend {
     /// The weight of the mean, and those of the models.
     #[inline(always)]
-    fn shares(numbers: &[f32; MODELS]) -> (f32, [f32; MODELS]) {
+    fn shares(numbers: &[f32; LOCAL_MODELS]) -> (f32, [f32; LOCAL_MODELS]) {
         let most = numbers.iter().fold(OWN, |most, number| most.max(*number));
         let (own, powers) = (exp(OWN - most), numbers.map(|number| exp(number - most)));
         let sum = powers.iter().fold(own, |sum, power| sum + power);
@@ -227,8 +224,8 @@ impl Operator<2> for Blend {
 
     fn forward(&self, [mean, numbers]: [&[f32]; 2]) -> (Vec<f32>, ()) {
         let mut out = mean.to_vec();
-        let fits = self.fits.as_chunks::<{ 3 * MODELS }>().0;
-        let pixels = out.as_chunks_mut::<3>().0.par_iter_mut().zip(fits).zip(numbers.as_chunks::<MODELS>().0);
+        let fits = self.fits.as_chunks::<{ 3 * LOCAL_MODELS }>().0;
+        let pixels = out.as_chunks_mut::<3>().0.par_iter_mut().zip(fits).zip(numbers.as_chunks::<LOCAL_MODELS>().0);
         pixels.with_min_len(PIXELS).for_each(|((out, fits), numbers)| {
             let (own, shares) = Self::shares(numbers);
             out.iter_mut().for_each(|out| *out *= own);
@@ -241,13 +238,13 @@ impl Operator<2> for Blend {
 
     fn backward(&self, [mean, numbers]: [&[f32]; 2], (): &(), gradient: &[f32], _: [bool; 2]) -> [Vec<f32>; 2] {
         let (mut of_mean, mut of_numbers) = (gradient.to_vec(), vec![0.0; numbers.len()]);
-        let fits = self.fits.as_chunks::<{ 3 * MODELS }>().0;
-        let told = mean.as_chunks::<3>().0.par_iter().zip(fits).zip(numbers.as_chunks::<MODELS>().0);
-        let found = of_mean.as_chunks_mut::<3>().0.par_iter_mut().zip(of_numbers.as_chunks_mut::<MODELS>().0);
+        let fits = self.fits.as_chunks::<{ 3 * LOCAL_MODELS }>().0;
+        let told = mean.as_chunks::<3>().0.par_iter().zip(fits).zip(numbers.as_chunks::<LOCAL_MODELS>().0);
+        let found = of_mean.as_chunks_mut::<3>().0.par_iter_mut().zip(of_numbers.as_chunks_mut::<LOCAL_MODELS>().0);
         found.zip(told).with_min_len(PIXELS).for_each(|((of_mean, of_numbers), ((mean, fits), numbers))| {
             let ((own, shares), gradient) = (Self::shares(numbers), *of_mean);
             // How far each model is off the mean along the gradient, and how far their blend is.
-            let mut along = [0.0; MODELS];
+            let mut along = [0.0; LOCAL_MODELS];
             for (along, fit) in along.iter_mut().zip(fits.as_chunks::<3>().0) {
                 *along = (0..3).map(|c| gradient[c] * (fit[c] - mean[c])).sum();
             }

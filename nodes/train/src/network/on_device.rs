@@ -1,16 +1,14 @@
 //! The operators of the head by burn's own operations: for devices that are no CPU. burn finds their gradients itself.
 
-use super::{
-    fits::RADII,
-    head::{
-        Answer, BRIGHT, BRIGHTEST, Blend, DARK, DIM, EDGES, Loss, MeanLoss, NEGLIGIBLE, OWN, PREVIEWS, SLOPES,
-        SQUARED_TO, Shade, Shown, TONES,
-    },
+use super::head::{
+    Answer, BRIGHT, BRIGHTEST, Blend, DARK, DIM, EDGES, Loss, MeanLoss, NEGLIGIBLE, OWN, PREVIEWS, SLOPES, SQUARED_TO,
+    Shade, Shown, TONES,
 };
 use burn::tensor::{
     Tensor,
     activation::{sigmoid, softmax},
 };
+use tauflow_ops::LOCAL_MODELS;
 use tauflow_tensors::{OnDevice, constant, flat};
 
 impl OnDevice<2> for Shade {
@@ -24,7 +22,7 @@ impl OnDevice<2> for Shade {
 
 impl OnDevice<2> for Blend {
     fn by_tensors(&self, [mean, numbers]: [Tensor<1>; 2]) -> Tensor<1> {
-        let (pixels, models, device) = (mean.dims()[0] / 3, RADII.len(), mean.device());
+        let (pixels, models, device) = (mean.dims()[0] / 3, LOCAL_MODELS, mean.device());
         let own = Tensor::full([pixels, 1], OWN, &device);
         let shares = softmax(Tensor::cat(vec![own, numbers.reshape([pixels, models])], 1), 1);
         let fits = constant(&self.fits, [pixels, models, 3], &device);

@@ -3,14 +3,11 @@
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
 //! cheaper than at full resolution; the last layers have the numbers of four pixels side by side.
 
-use super::{
-    fits::{FITTED, RADII},
-    head::{Head, Heads, Output, SMOOTHED},
-};
+use super::head::{Head, Heads, Output, SMOOTHED};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tauflow_ops::{Convolutions, GUIDES};
+use tauflow_ops::{Convolutions, GUIDES, LOCAL_MODELS};
 use tauflow_tensors::{
     Slots, Start,
     layers::{conv3, fold, linear, modulated_silu, norm_silu, silu, unfold},
@@ -121,6 +118,9 @@ impl Plan {
     }
 }
 
+/// Values of a pixel by local models of the light: three colours for each.
+pub(crate) const FITTED: usize = 3 * LOCAL_MODELS;
+
 /// The input of the network.
 pub(crate) struct Inputs {
     /// [N, H, W, C]; H and W are multiples of [`Unet::multiple`].
@@ -203,7 +203,7 @@ impl Unet {
         let shade = output.is_shaded().then(|| build.conv("shade", plan.widths[0], 4 * 3, Start::Zero));
         // Local models are not seen at first, and hardly count.
         let fits = output.is_fitted().then(|| build.conv("fits", 4 * FITTED, plan.widths[0], Start::Zero));
-        let blend = output.is_fitted().then(|| build.conv("blend", plan.widths[0], 4 * RADII.len(), Start::Zero));
+        let blend = output.is_fitted().then(|| build.conv("blend", plan.widths[0], 4 * LOCAL_MODELS, Start::Zero));
         let strengths = 4 * GUIDES * plan.sides.len();
         let guide = output.is_guided().then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
         let places = 4 * SMOOTHED * SMOOTHED;

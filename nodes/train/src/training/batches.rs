@@ -16,9 +16,10 @@ use tauflow_data::{
     Image, SamplerKind, maths, methods::Conditioning, records::PackedScene, rng::Stream, time::TimeGrid,
 };
 
-/// Scenes with the same rungs.
+/// Scenes with rungs of one ladder, of which some may have only the first.
 #[derive(Debug)]
 pub(crate) struct DataSet {
+    /// The rungs of the longest ladder.
     pub(crate) counts: Vec<u64>,
     pub(crate) sampler: SamplerKind,
     scenes: Vec<PackedScene>,
@@ -110,7 +111,8 @@ impl DataSet {
     /// Loads a collection of packed scenes.
     ///
     /// # Errors
-    /// If it is empty, scenes differ in rungs, or G-buffers are missing where they are needed.
+    /// If it is empty, scenes have rungs that are not the first of one ladder, or G-buffers are missing where they are
+    /// needed.
     pub(crate) fn load(
         ctx: &Context<'_>,
         items: Items<'_, PackedScene>,
@@ -136,18 +138,24 @@ impl DataSet {
         let Some((first_key, first)) = scenes.first() else {
             return Err(KindError::Input(format!("input `{port}` has no scenes; raise the quota of its sampling")));
         };
-        let (counts, sampler) = (first.counts.clone(), first.sampler);
-        if counts.len() < 2 {
-            return Err(KindError::Input(format!(
-                "scene {first_key} of input `{port}` has {} rungs; training needs at least two",
-                counts.len()
-            )));
+        let sampler = first.sampler;
+        let (mut longest, mut counts) = (first_key, first.counts.clone());
+        for (key, scene) in &scenes {
+            if scene.counts.len() > counts.len() {
+                (longest, counts) = (key, scene.counts.clone());
+            }
         }
         for (key, scene) in &scenes {
-            if scene.counts != counts {
+            if scene.counts.len() < 2 {
                 return Err(KindError::Input(format!(
-                    "scene {key} of input `{port}` has rungs {:?}, but {first_key} has {counts:?}; render all with the \
-                     same `rungs`",
+                    "scene {key} of input `{port}` has {} rungs; training needs at least two",
+                    scene.counts.len()
+                )));
+            }
+            if !counts.starts_with(&scene.counts) {
+                return Err(KindError::Input(format!(
+                    "scene {key} of input `{port}` has rungs {:?}, but {longest} has {counts:?}; render all with the \
+                     same `rungs`, or with the first of them",
                     scene.counts
                 )));
             }
@@ -206,6 +214,15 @@ impl DataSet {
         Ok(Self { unbiased: loss.is_unbiased(), ..self })
     }
 
+    /// Whether all scenes have the whole ladder.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.scenes.iter().all(|scene| self.has_all(scene))
+    }
+
+    fn has_all(&self, scene: &PackedScene) -> bool {
+        scene.counts.len() == self.counts.len()
+    }
+
     /// Number of scenes.
     pub(crate) fn len(&self) -> usize {
         self.scenes.len()
@@ -258,20 +275,24 @@ impl DataSet {
         let shares = draw.shares(&self.counts[..self.counts.len() - 1]);
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
-                let told = untold.uniform() >= draw.unknown_counts;
                 let tiled = uneven.uniform() < draw.uneven_counts;
-                let tiles = Tiles::draw(&mut uneven, self.counts.len() - 1);
                 let scene = stream.below(self.scenes.len());
                 let (width, height) = size(&self.scenes[scene]);
                 let other = (scene + 1 + stream.below(self.scenes.len().max(2) - 1)) % self.scenes.len();
+                let target = if draw.shuffle_targets { other } else { scene };
+                // A count says how far the last rung of the whole ladder is, which a shorter one lacks.
+                let told = untold.uniform() >= draw.unknown_counts && self.has_all(&self.scenes[scene]);
+                let rungs = [scene, target].map(|scene| self.scenes[scene].counts.len() - 1);
+                let rungs = rungs[0].min(rungs[1]);
+                let tiles = Tiles::draw(&mut uneven, rungs);
                 Pick {
                     scene,
-                    target: if draw.shuffle_targets { other } else { scene },
+                    target,
                     rung: match &shares {
-                        None => stream.below(self.counts.len() - 1),
+                        None => stream.below(rungs),
                         Some(shares) => {
-                            let at = stream.uniform() * shares[shares.len() - 1];
-                            shares.iter().position(|share| at < *share).unwrap_or(shares.len() - 1)
+                            let at = stream.uniform() * shares[rungs - 1];
+                            shares.iter().position(|share| at < *share).unwrap_or(rungs - 1)
                         }
                     },
                     t: stream.uniform(),
@@ -289,7 +310,8 @@ impl DataSet {
         self.batch(encoding, &picks, draw.side)
     }
 
-    /// Every scene at every rung below the last, unturned, in the middle of the image, in batches of up to `batch`.
+    /// Every scene at every rung below the last, unturned, in the middle of the image, in batches of up to `batch`. All
+    /// scenes must have the whole ladder.
     pub(crate) fn all<'a>(
         &'a self,
         encoding: &'a Encoding,
@@ -341,14 +363,15 @@ impl DataSet {
 
     /// The window of a pick, with the target that the network learns.
     fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> Example {
-        let lesson =
-            encoding.factors.parameterization().lesson(&encoding.factors.clock(), &self.counts, pick.rung, pick.t);
         let read = |scene: usize| -> [Vec<f32>; 3] {
+            let counts = &self.scenes[scene].counts;
+            let lesson =
+                encoding.factors.parameterization().lesson(&encoding.factors.clock(), counts, pick.rung, pick.t);
             let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
             let preview = |v: f32| preview_of(v * pick.scale);
             let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
-            let (to_count, half_count) = (self.counts[lesson.to] as f32, self.counts[lesson.to - 1] as f32);
+            let (to_count, half_count) = (counts[lesson.to] as f32, counts[lesson.to - 1] as f32);
             let second = pick.tiles.map_or(lesson.from, |tiles| tiles.rung);
             let mut halves = self.unbiased.then(|| rung(lesson.to - 1));
             let mut previews = Vec::with_capacity(if self.unbiased { 3 * side * side } else { 0 });
@@ -356,7 +379,7 @@ impl DataSet {
             let pixels = triples.map(|(i, ((first, second_state), all))| {
                 let tiled = pick.tiles.is_some_and(|tiles| tiles.has(i % side, i / side));
                 let (from, at) = if tiled { (second_state, second) } else { (first, lesson.from) };
-                let from_count = self.counts[at] as f32;
+                let from_count = counts[at] as f32;
                 let to = match pick.apart {
                     true => [0, 1, 2].map(|c| others((from[c], from_count), (all[c], to_count))),
                     false => all,

@@ -195,6 +195,11 @@ impl TrainingParams {
         Self { law: if matters { self.law } else { Law::unsaid() }, convolutions, ..self.clone() }
     }
 
+    /// Whether some ladders may end before others: only where examples without a count have targets of their own.
+    pub(super) fn allows_shorter(&self) -> bool {
+        self.unknown_counts != 0.0 && self.independent_targets
+    }
+
     /// Checks beyond the schema: incompatible params.
     pub(super) fn problems(&self) -> Vec<ParamProblem> {
         let mut problems = Vec::new();

@@ -346,6 +346,45 @@ fn turns_are_eight_and_lose_no_pixel() {
 }
 
 #[test]
+fn shorter_ladders_give_examples_without_a_count_and_targets_of_their_own() {
+    let short = |of: f32| {
+        let scene = sized(SIDE, SIDE, of);
+        PackedScene { counts: COUNTS[..2].to_vec(), states: scene.states[..2].to_vec(), ..scene }
+    };
+    let scenes = || vec![("short", short(0.0)), ("whole", sized(SIDE, SIDE, 10_000.0)), ("other", short(20_000.0))];
+    let set = DataSet::new(scenes(), "train", Conditioning::Gbuffer).expect("rungs of one ladder");
+    assert!(set.counts == COUNTS && !set.is_whole());
+    let encoding = encoding(Parameterization::McNoise);
+    let draw = Draw { unknown_counts: 0.5, independent_targets: true, batch: 50, rung_exponent: 0.5, ..PLAIN };
+    let mut seen = BTreeSet::new();
+    for (step, uneven_counts) in (0..20).flat_map(|step| [0.0, 0.5].map(|uneven| (step, uneven))) {
+        let batch = set.draw(&encoding, &Draw { uneven_counts, ..draw }, step);
+        for (i, tau) in batch.tau.iter().enumerate() {
+            let targets = batch.targets[i * 192..].iter();
+            for (state, target) in batch.states[i].iter().zip(targets) {
+                let (scene, rung) = ((*state / 10_000.0) as usize, *state as usize % 10_000 / 1000);
+                let last = if scene == 1 { 2 } else { 1 };
+                let counts = [rung, last].map(|rung| COUNTS[rung] as f32);
+                let factor = if tau.is_none() { counts[1] / (counts[1] - counts[0]) } else { 1.0 };
+                let expected = 1000.0 * (rung as f32 - last as f32) * factor;
+                assert!((target - expected).abs() < 1.0, "{scene} {rung}: {target} {expected}");
+                seen.insert((scene, rung, tau.is_some()));
+            }
+        }
+    }
+    let whole = [(1, 0, false), (1, 0, true), (1, 1, false), (1, 1, true)];
+    assert_eq!(seen, BTreeSet::from_iter(whole.into_iter().chain([(0, 0, false), (2, 0, false)])));
+    // Other rungs, not fewer.
+    let mut scenes = scenes();
+    scenes[0].1.counts = vec![1, 8];
+    let told = DataSet::new(scenes, "train", Conditioning::Gbuffer).expect_err("no rung of 8").to_string();
+    assert!(told.contains("scene short") && told.contains("[1, 8]") && told.contains("whole has [1, 4, 16]"), "{told}");
+    let one = PackedScene { counts: vec![1], ..sized(SIDE, SIDE, 0.0) };
+    let told = DataSet::new(vec![("one", one)], "train", Conditioning::Gbuffer).expect_err("one rung").to_string();
+    assert!(told.contains("1 rungs; training needs at least two"), "{told}");
+}
+
+#[test]
 fn exposure_and_colours_change_on_state_target_and_albedo_alike() {
     let set = set(4);
     let encoding = encoding(Parameterization::McNoise);
