@@ -4,6 +4,7 @@ mod batches;
 mod checkpoint;
 mod divergence;
 mod params;
+mod patches;
 pub mod timing;
 mod trainer;
 
@@ -406,6 +407,7 @@ impl OneTraining<'_> {
             unknown_counts: p.unknown_counts,
             independent_targets: p.independent_targets,
             uneven_counts: p.uneven_counts,
+            patches: p.patches,
         };
         let score = |trainer: &Trainer| -> Result<Option<Score>, KindError> {
             let Some(set) = test else { return Ok(None) };

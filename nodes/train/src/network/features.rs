@@ -173,6 +173,7 @@ impl Encoding {
         });
         let head = (self.output != Output::Values).then(|| Head {
             guides: self.output.is_guided().then(guides),
+            shaded: self.output.is_shaded(),
             fits: self.output.is_fitted().then(|| Blend { fits: Arc::new(fitted) }),
             light: Arc::new(Pyramid::new(&lights, height, width, self.preset.sides())),
             albedo: self.output.is_smoothed().then(|| Arc::new(Pyramid::new(&albedos, height, width, &[SMOOTHED]))),

@@ -105,6 +105,8 @@ pub(crate) struct Head {
     pub(crate) guides: Option<Arc<Guides>>,
     /// Local models of the light, if they take part.
     pub(crate) fits: Option<Blend>,
+    /// Whether the mean is multiplied by shades.
+    pub(crate) shaded: bool,
     /// Albedo at full resolution, if it is smoothed; the answer then has none.
     pub(crate) albedo: Option<Arc<Pyramid>>,
     /// The processing of the weighted mean.
@@ -117,43 +119,45 @@ pub(crate) const SMOOTHED: usize = 5;
 /// Added to the number of the pixel itself where albedo is smoothed: at first it has nearly all of the weight.
 const ITSELF: f32 = 6.0;
 
-/// The outputs of the last layers, folded: [N, H/2, W/2, 4 C]; none for layers that the network lacks.
-pub(crate) struct Heads {
+/// A last layer. Its output is folded: [N, H/2, W/2, 4 C].
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum LastLayer {
     /// As many for a pixel as there are weights.
-    pub(crate) numbers: Tensor<4>,
-    /// Three for a pixel.
-    pub(crate) shades: Option<Tensor<4>>,
-    /// One for a pixel and local model.
-    pub(crate) fits: Option<Tensor<4>>,
+    Numbers,
     /// One for a pixel, level and guide.
-    pub(crate) strengths: Option<Tensor<4>>,
+    Strengths,
+    /// One for a pixel and local model.
+    Blend,
+    /// Three for a pixel.
+    Shades,
     /// [`SMOOTHED`] squared for a pixel.
-    pub(crate) smooths: Option<Tensor<4>>,
+    Smooths,
 }
 
 impl Head {
-    /// The prediction [N, H, W, 3].
-    pub(crate) fn expand(self, heads: Heads) -> Tensor<4> {
-        let Heads { numbers, shades, fits, strengths, smooths } = heads;
+    /// The prediction [N, H, W, 3]. `layer` computes a last layer: one after the other, so that outputs of large ones
+    /// need no memory side by side.
+    pub(crate) fn expand(self, layer: impl Fn(LastLayer) -> Tensor<4>) -> Tensor<4> {
+        let strengths = self.guides.is_some().then(|| layer(LastLayer::Strengths));
+        let numbers = layer(LastLayer::Numbers);
         let [images, rows, columns, channels] = numbers.dims();
         assert_eq!(channels, 4 * self.light.weights(), "a number for each place of the windows");
         let shape = [images, 2 * rows, 2 * columns, 3];
         let pyramid = self.light;
-        let mut mean = match (self.guides, strengths) {
-            (Some(guides), Some(strengths)) => {
+        let mut mean = match self.guides.zip(strengths) {
+            Some((guides, strengths)) => {
                 apply(GuidedMean { pyramid, guides }, [numbers.into(), strengths.into()], shape)
             }
-            (None, None) => apply(WeightedMean { pyramid, own: 0.0 }, [numbers.into()], shape),
-            _ => panic!("guides need strengths"),
+            None => apply(WeightedMean { pyramid, own: 0.0 }, [numbers.into()], shape),
         };
-        if let Some((blend, fits)) = self.fits.zip(fits) {
-            mean = apply(blend, [mean.into(), unfold(fits).into()], shape);
+        if let Some(blend) = self.fits {
+            mean = apply(blend, [mean.into(), unfold(layer(LastLayer::Blend)).into()], shape);
         }
-        if let Some(shades) = shades {
-            mean = apply(Shade, [mean.into(), unfold(shades).into()], shape);
+        if self.shaded {
+            mean = apply(Shade, [mean.into(), unfold(layer(LastLayer::Shades)).into()], shape);
         }
-        assert_eq!(self.albedo.is_some(), smooths.is_some(), "weights of albedo");
-        if let Some((pyramid, smooths)) = self.albedo.zip(smooths) {
+        if let Some(pyramid) = self.albedo {
+            let smooths = layer(LastLayer::Smooths);
             mean = mean * apply(WeightedMean { pyramid, own: ITSELF }, [smooths.into()], shape);
         }
         apply(self.answer, [mean.into()], shape)

@@ -59,6 +59,7 @@ fn outputs_and_gradients_are_pytorchs() {
             fits: None,
             light: Arc::new(Pyramid::new(&image(3, 1003), SIDE, SIDE, SIDES)),
             guides: None,
+            shaded: false,
             albedo: None,
             answer: Answer {
                 albedo: Some(Arc::new(image(3, 1004))),

@@ -3,7 +3,7 @@
 //! The image is first folded, [H, W, C] to [H/2, W/2, 4 C], which loses nothing and makes every layer four times
 //! cheaper than at full resolution; the last layers have the numbers of four pixels side by side.
 
-use super::head::{Head, Heads, Output, SMOOTHED};
+use super::head::{Head, LastLayer, Output, SMOOTHED};
 use burn::tensor::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -293,12 +293,16 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = run.activated(x, self.last, &time);
-        let [shades, fits, strengths, smooths] = [self.shade, self.blend, self.guide, self.smooth]
-            .map(|layer| layer.map(|layer| run.conv(layer, x.clone())));
-        let numbers = run.conv(self.head, x);
+        let layer = |layer: Option<Layer>| run.conv(layer.expect("a layer for each part of the head"), x.clone());
         match inputs.head {
-            Some(head) => head.expand(Heads { numbers, shades, fits, strengths, smooths }),
-            None => unfold(numbers),
+            Some(head) => head.expand(|last| match last {
+                LastLayer::Numbers => layer(Some(self.head)),
+                LastLayer::Strengths => layer(self.guide),
+                LastLayer::Blend => layer(self.blend),
+                LastLayer::Shades => layer(self.shade),
+                LastLayer::Smooths => layer(self.smooth),
+            }),
+            None => unfold(layer(Some(self.head))),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Training batches out of packed scenes, all in memory. The batch of a step is a function of the seed and the step.
 
+use super::patches::Patches;
 use crate::{
     model::Model,
     network::{
@@ -71,6 +72,8 @@ struct Pick {
     told: bool,
     /// Whether the target leaves out the samples of the input.
     apart: bool,
+    /// The seed of the patches that partly cover the window, if there are any.
+    patches: Option<u64>,
     /// Where the state is that of a different rung; none if all of it is of `rung`.
     tiles: Option<Tiles>,
 }
@@ -272,6 +275,7 @@ impl DataSet {
         let mut stream = Stream::new(draw.seed, &[step]).part("batch");
         let mut untold = Stream::new(draw.seed, &[step]).part("unknown counts");
         let mut uneven = Stream::new(draw.seed, &[step]).part("uneven counts");
+        let mut patched = Stream::new(draw.seed, &[step]).part("patches");
         let shares = draw.shares(&self.counts[..self.counts.len() - 1]);
         let picks: Vec<Pick> = (0..draw.batch)
             .map(|_| {
@@ -303,6 +307,7 @@ impl DataSet {
                     colours: if draw.permute_colours { stream.below(COLOURS.len()) } else { 0 },
                     told,
                     apart: draw.independent_targets && !told,
+                    patches: patched.chance(draw.patches).then(|| patched.bits()),
                     tiles: (tiled && !told).then_some(tiles),
                 }
             })
@@ -327,8 +332,8 @@ impl DataSet {
                 let t = (rung as f64 + shift) / rungs as f64;
                 let (width, height) = size(&self.scenes[scene]);
                 let (left, top) = (middle(width), middle(height));
-                let (turn, scale, colours, told, apart, tiles) = (0, 1.0, 0, true, false, None);
-                Pick { scene, target: scene, rung, t, left, top, turn, scale, colours, told, apart, tiles }
+                let (turn, scale, colours, told, apart, patches, tiles) = (0, 1.0, 0, true, false, None, None);
+                Pick { scene, target: scene, rung, t, left, top, turn, scale, colours, told, apart, patches, tiles }
             })
             .collect();
         let batches: Vec<Vec<Pick>> = picks.chunks(batch).map(<[Pick]>::to_vec).collect();
@@ -363,14 +368,18 @@ impl DataSet {
 
     /// The window of a pick, with the target that the network learns.
     fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> Example {
-        let read = |scene: usize| -> [Vec<f32>; 3] {
+        let patches = |scene: usize| pick.patches.map(|seed| Patches::draw(seed, side, &self.scenes[scene].counts));
+        let read = |scene: usize, patches: Option<&Patches>| -> [Vec<f32>; 3] {
             let counts = &self.scenes[scene].counts;
             let lesson =
                 encoding.factors.parameterization().lesson(&encoding.factors.clock(), counts, pick.rung, pick.t);
             let places = pick.places(size(&self.scenes[scene]), side);
             let encode = |v: f32| encoding.space.encode(v * pick.scale);
             let preview = |v: f32| preview_of(v * pick.scale);
-            let rung = |i: usize| pick.colours(&self.scenes[scene].states[i], &places);
+            let rung = |i: usize| {
+                let pixels = pick.colours(&self.scenes[scene].states[i], &places).enumerate();
+                pixels.map(move |(at, pixel)| patches.map_or(pixel, |patches| patches.over(i, at, pixel)))
+            };
             let (to_count, half_count) = (counts[lesson.to] as f32, counts[lesson.to - 1] as f32);
             let second = pick.tiles.map_or(lesson.from, |tiles| tiles.rung);
             let mut halves = self.unbiased.then(|| rung(lesson.to - 1));
@@ -398,13 +407,20 @@ impl DataSet {
             let (states, targets): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.unzip();
             [states.into_flattened(), targets.into_flattened(), previews]
         };
-        let [state, mut target, mut previews] = read(pick.scene);
+        let own = patches(pick.scene);
+        let [state, mut target, mut previews] = read(pick.scene, own.as_ref());
         if pick.target != pick.scene {
-            [_, target, previews] = read(pick.target);
+            [_, target, previews] = read(pick.target, patches(pick.target).as_ref());
         }
         let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
-        let turned = |gbuffer: &Image| pick.turned(gbuffer, &pick.places((gbuffer.width(), gbuffer.height()), side));
-        Example { state, target, previews, gbuffer: gbuffer.map(turned) }
+        let gbuffer = gbuffer.map(|gbuffer| {
+            let mut gbuffer = pick.turned(gbuffer, &pick.places((gbuffer.width(), gbuffer.height()), side));
+            if let Some(patches) = &own {
+                patches.over_gbuffer(&mut gbuffer);
+            }
+            gbuffer
+        });
+        Example { state, target, previews, gbuffer }
     }
 }
 
@@ -464,6 +480,8 @@ pub(crate) struct Draw {
     pub(crate) independent_targets: bool,
     /// Share of them that have tiles of two sample counts.
     pub(crate) uneven_counts: f64,
+    /// Share of all examples that are partly covered by patches without noise.
+    pub(crate) patches: f64,
 }
 
 impl Draw {
@@ -479,6 +497,7 @@ impl Draw {
         unknown_counts: 0.0,
         independent_targets: false,
         uneven_counts: 0.0,
+        patches: 0.0,
     };
 
     /// Running sums of what rungs with these sample counts are drawn in proportion to; none if all are alike.

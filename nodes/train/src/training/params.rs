@@ -113,6 +113,9 @@ pub struct TrainingParams {
     /// Share of these examples that have tiles of two sample counts, as adaptive sampling gives.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub uneven_counts: f64,
+    /// Share of the examples that are partly covered by patches without noise: black, lamps, or plain backgrounds.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub patches: f64,
     /// Computation of convolutions on a CPU; the two differ in time and in rounding.
     pub convolutions: Convolving,
     /// Steps between points of the loss curve.
@@ -154,6 +157,7 @@ impl Default for TrainingParams {
             unknown_counts: 0.0,
             independent_targets: false,
             uneven_counts: 0.0,
+            patches: 0.0,
             convolutions: Convolving::default(),
             test_every: 250,
             checkpoint_every: 500,
@@ -172,6 +176,7 @@ pub(super) const LATER: &[Later] = &[
     Later { pointer: "/unknown_counts", before: Before::Number(0.0) },
     Later { pointer: "/independent_targets", before: Before::Flag(false) },
     Later { pointer: "/uneven_counts", before: Before::Number(0.0) },
+    Later { pointer: "/patches", before: Before::Number(0.0) },
     Later { pointer: "/convolutions", before: Before::Text("direct") },
     ON_THE_CPU,
 ];
@@ -278,6 +283,8 @@ mod tests {
             ("unknown_counts/maximum", 1.0),
             ("uneven_counts/minimum", 0.0),
             ("uneven_counts/maximum", 1.0),
+            ("patches/minimum", 0.0),
+            ("patches/maximum", 1.0),
             ("test_every/minimum", 1.0),
             ("checkpoint_every/minimum", 1.0),
         ] {

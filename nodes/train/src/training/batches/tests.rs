@@ -329,6 +329,7 @@ const UNTURNED: Pick = Pick {
     colours: 0,
     told: true,
     apart: false,
+    patches: None,
     tiles: None,
 };
 
