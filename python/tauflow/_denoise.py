@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
-from typing import Optional
+from typing import Optional, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ def denoise(
     variance: Optional[ArrayLike] = None,
     spp: Optional[int] = None,
     weights: str = "best",
+    model: Optional[Union[str, "os.PathLike[str]"]] = None,
     strength: float = 1.0,
     exposure: Optional[float] = None,
     normals: str = "auto",
@@ -31,8 +32,9 @@ def denoise(
 
     `albedo` and `normal` [height, width, 3] belong together; `normals` is `auto`, `camera` or `world`. `variance` is
     that of each value of the radiance: with it, the noisy image is mixed in where its estimated error is smaller.
-    `spp` is the sample count, if it is known and the same in all pixels. `weights` is `best` or `fast`. `strength` is
-    the share of the denoised image. Raises TauflowError if shapes differ, or the command refuses the image.
+    `spp` is the sample count, if it is known and the same in all pixels. `weights` is `best` or `fast`; `model` is a
+    model file to use in their place. `strength` is the share of the denoised image. Raises TauflowError if shapes
+    differ, or the command refuses the image.
     """
     given = {"": radiance, "albedo": albedo, "normal": normal, "variance": variance}
     layers = {name: np.asarray(image, np.float32) for name, image in given.items() if image is not None}
@@ -45,7 +47,8 @@ def denoise(
     with tempfile.TemporaryDirectory() as folder:
         noisy, clean = os.path.join(folder, "noisy.exr"), os.path.join(folder, "clean.exr")
         write_layers(noisy, layers)
-        words = [program(), "denoise", noisy, "-o", clean, "--weights", weights, "--strength", str(strength)]
+        words = [program(), "denoise", noisy, "-o", clean, "--strength", str(strength)]
+        words += ["--weights", weights] if model is None else ["--model", os.fspath(model)]
         words += ["--normals", normals]
         words += ["--spp", str(spp)] if spp is not None else []
         words += ["--exposure", str(exposure)] if exposure is not None else []

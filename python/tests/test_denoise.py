@@ -1,10 +1,14 @@
 """The bundled denoiser on arrays."""
 
+import pathlib
+
 import numpy as np
 import pytest
 
 import tauflow
 from tauflow import TauflowError
+
+MODELS = pathlib.Path(__file__).parents[2] / "models"
 
 
 def scene():
@@ -20,6 +24,8 @@ def test_arrays_are_denoised():
     clean = tauflow.denoise(noisy, albedo, normal)
     assert clean.dtype == np.float32 and clean.shape == noisy.shape and error(clean) < 0.25 * error(noisy)
     assert not np.array_equal(tauflow.denoise(noisy, weights="fast"), tauflow.denoise(noisy))
+    own = tauflow.denoise(noisy, model=MODELS / "fast_rgb.safetensors")
+    assert np.array_equal(own, tauflow.denoise(noisy, weights="fast"))
     assert np.array_equal(tauflow.denoise(noisy, strength=0.0), noisy)
     kept = tauflow.denoise(noisy, albedo, normal, variance=np.zeros_like(noisy))
     assert ((kept - noisy) ** 2).mean() < 0.1 * error(noisy)

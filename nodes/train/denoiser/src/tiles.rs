@@ -2,7 +2,7 @@
 
 use tauflow_data::Image;
 
-/// Most pixels that are denoised at once; a `best` network takes some 600 bytes for each.
+/// Most pixels that are denoised at once; a `best` network takes some 700 bytes for each.
 const WHOLE: usize = 1_600_000;
 
 /// Side of the tiles of larger images, without what is around them.
@@ -12,7 +12,7 @@ const SIDE: usize = 896;
 const HUGE: usize = 16_000_000;
 
 /// Side of the tiles of such an image.
-const SIDE_OF_HUGE: usize = 512;
+const SIDE_OF_HUGE: usize = 480;
 
 /// A part of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
