@@ -12,7 +12,7 @@ const SIDE: usize = 896;
 const HUGE: usize = 16_000_000;
 
 /// Side of the tiles of such an image.
-const SIDE_OF_HUGE: usize = 480;
+const SIDE_OF_HUGE: usize = 512;
 
 /// A part of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -42,7 +42,7 @@ fn found() -> Vec<(&'static str, u64)> {
     let pyramid = Arc::new(Pyramid::new(&numbers(3, 2 * 40 * 24 * 3), 40, 24, &[5, 3, 3, 3]));
     let logits = numbers(4, 2 * 40 * 24 * pyramid.weights());
     let guides = Arc::new(Guides::new(&numbers(7, 2 * 40 * 24 * 6), 40, 24, &[5, 3, 3, 3]));
-    let guided = GuidedMean { pyramid: pyramid.clone(), guides };
+    let guided = GuidedMean { pyramid: pyramid.clone(), guides, first: 0 };
     let conv = |convolutions| Conv3 { height: 18, width: 21, inputs: 24, outputs: 40, convolutions, instructions };
     let of_conv = [numbers(1, 2 * 18 * 21 * 24), numbers(2, 9 * 24 * 40), numbers(3, 40)];
     let convolution = |how| both(&conv(how), of_conv.each_ref().map(Vec::as_slice));
@@ -58,7 +58,7 @@ fn found() -> Vec<(&'static str, u64)> {
         ("normalisation", both(&norm, [&x, &numbers(2, 2 * 96)])),
         ("silu", both(&Silu, [&far])),
         ("guided means", both(&guided, [&logits, &numbers(6, 2 * 40 * 24 * guided.strengths())])),
-        ("weighted means", both(&WeightedMean { pyramid, own: 2.0 }, [&logits])),
+        ("weighted means", both(&WeightedMean { pyramid, own: 2.0, first: 0 }, [&logits])),
         ("convolution", convolution(Convolutions::Direct)),
         ("minimal convolution", convolution(Convolutions::Minimal)),
         ("linear", both(&linear, [&numbers(1, 111 * 37), &numbers(2, 37 * 53), &numbers(3, 53)])),

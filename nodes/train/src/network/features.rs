@@ -331,7 +331,7 @@ fn means_of_columns(data: &[f32], height: usize, width: usize) -> Vec<f32> {
 mod tests {
     use super::*;
     use crate::law::Law;
-    use tauflow_data::methods::Parameterization;
+    use tauflow_data::{methods::Parameterization, rng::Stream};
     use tauflow_ops::Convolutions;
 
     fn encoding(space: Space, features: Features, output: Output, preset: Preset) -> Encoding {
@@ -415,6 +415,39 @@ mod tests {
                 network.forward(&network.slots().tensors(&weights, &device), inputs, Convolutions::Direct).into_data();
             // A fresh network weighs alike, and light that is alike is its own mean: there is no noise.
             assert!(output.as_slice::<f32>().expect("f32").iter().all(|v| v.abs() < 1e-5), "{space:?}");
+        }
+    }
+
+    #[test]
+    fn a_tall_image_in_parts_has_the_bits_of_the_same_image_in_a_batch() {
+        let (device, height, width) = (Device::flex(), 608, 16);
+        let mut stream = Stream::new(3, &[]);
+        let mut numbers = |count: usize| (0..count).map(|_| stream.range(0.0, 2.0) as f32).collect::<Vec<_>>();
+        let (state, gbuffer) = (numbers(height * width * 3), numbers(height * width * 6));
+        for (output, gbuffer) in [(Output::FittedMeans, Some(&gbuffer[..])), (Output::ShadedMeans, None)] {
+            let encoding = Encoding {
+                gbuffer: gbuffer.is_some(),
+                ..encoding(Space::Log1p, Features::Covered, output, Preset::Fast)
+            };
+            let network = encoding.network();
+            let mut weights = network.slots().draw(1);
+            weights.0.iter_mut().flatten().for_each(|weight| *weight += stream.range(-0.02, 0.02) as f32);
+            let tensors = network.slots().tensors(&weights, &device);
+            for convolutions in [Convolutions::Minimal, Convolutions::Direct] {
+                let found = |images: usize| {
+                    let sample = || Sample { state: &state, gbuffer, tau: None };
+                    let samples: Vec<_> = (0..images).map(|_| sample()).collect();
+                    let inputs = encoding.inputs(&device, &samples, height, width);
+                    let output = network.forward(&tensors, inputs, convolutions).into_data();
+                    output.as_slice::<f32>().expect("f32")[..state.len()].to_vec()
+                };
+                let (one, of_two) = (found(1), found(2));
+                assert!(
+                    one.iter().zip(&of_two).all(|(a, b)| a.to_bits() == b.to_bits()),
+                    "{output:?} {convolutions:?}"
+                );
+                assert!(one.iter().any(|value| value.abs() > 1e-3));
+            }
         }
     }
 

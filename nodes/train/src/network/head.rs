@@ -8,7 +8,7 @@
 
 use burn::tensor::Tensor;
 use rayon::prelude::*;
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 use tauflow_data::maths;
 use tauflow_ops::{GuidedMean, Guides, LOCAL_MODELS, Operator, Pyramid, WeightedMean, exp, expm1, log1p, map2};
 use tauflow_tensors::{apply, layers::unfold};
@@ -135,33 +135,52 @@ pub(crate) enum LastLayer {
 }
 
 impl Head {
-    /// The prediction [N, H, W, 3]. `layer` computes a last layer: one after the other, so that outputs of large ones
-    /// need no memory side by side.
-    pub(crate) fn expand(self, layer: impl Fn(LastLayer) -> Tensor<4>) -> Tensor<4> {
-        let strengths = self.guides.is_some().then(|| layer(LastLayer::Strengths));
-        let numbers = layer(LastLayer::Numbers);
-        let [images, rows, columns, channels] = numbers.dims();
-        assert_eq!(channels, 4 * self.light.weights(), "a number for each place of the windows");
+    /// The prediction [N, H, W, 3] of small images of [N, H/2, W/2]. `layer` computes these rows of a last layer: one
+    /// layer after the other, and large ones part by part, so that not all outputs need memory at once.
+    pub(crate) fn expand(
+        self,
+        [images, rows, columns]: [usize; 3],
+        parts: &[Range<usize>],
+        layer: impl Fn(LastLayer, Range<usize>) -> Tensor<4>,
+    ) -> Tensor<4> {
         let shape = [images, 2 * rows, 2 * columns, 3];
+        let shape_of = |part: &Range<usize>| [images, 2 * part.len(), 2 * columns, 3];
         let pyramid = self.light;
-        let mut mean = match self.guides.zip(strengths) {
-            Some((guides, strengths)) => {
-                apply(GuidedMean { pyramid, guides }, [numbers.into(), strengths.into()], shape)
+        let mean_of = |part: &Range<usize>| {
+            let (pyramid, first) = (pyramid.clone(), 2 * part.start);
+            let numbers = layer(LastLayer::Numbers, part.clone());
+            assert_eq!(numbers.dims()[3], 4 * pyramid.weights(), "a number for each place of the windows");
+            match self.guides.clone() {
+                Some(guides) => {
+                    let strengths = layer(LastLayer::Strengths, part.clone());
+                    let mean = GuidedMean { pyramid, guides, first };
+                    apply(mean, [numbers.into(), strengths.into()], shape_of(part))
+                }
+                None => apply(WeightedMean { pyramid, own: 0.0, first }, [numbers.into()], shape_of(part)),
             }
-            None => apply(WeightedMean { pyramid, own: 0.0 }, [numbers.into()], shape),
         };
+        let mut mean = joined(parts.iter().map(mean_of).collect());
         if let Some(blend) = self.fits {
-            mean = apply(blend, [mean.into(), unfold(layer(LastLayer::Blend)).into()], shape);
+            mean = apply(blend, [mean.into(), unfold(layer(LastLayer::Blend, 0..rows)).into()], shape);
         }
         if self.shaded {
-            mean = apply(Shade, [mean.into(), unfold(layer(LastLayer::Shades)).into()], shape);
+            mean = apply(Shade, [mean.into(), unfold(layer(LastLayer::Shades, 0..rows)).into()], shape);
         }
         if let Some(pyramid) = self.albedo {
-            let smooths = layer(LastLayer::Smooths);
-            mean = mean * apply(WeightedMean { pyramid, own: ITSELF }, [smooths.into()], shape);
+            let mean_of = |part: &Range<usize>| {
+                let smooths = layer(LastLayer::Smooths, part.clone());
+                let albedo = WeightedMean { pyramid: pyramid.clone(), own: ITSELF, first: 2 * part.start };
+                apply(albedo, [smooths.into()], shape_of(part))
+            };
+            mean = mean * joined(parts.iter().map(mean_of).collect());
         }
         apply(self.answer, [mean.into()], shape)
     }
+}
+
+/// Parts of images, one below the other.
+fn joined(mut parts: Vec<Tensor<4>>) -> Tensor<4> {
+    if parts.len() == 1 { parts.swap_remove(0) } else { Tensor::cat(parts, 1) }
 }
 
 /// mean times a factor of the shade: 1 for 0, from 1/[`BRIGHTEST`] to [`BRIGHTEST`].

@@ -4,9 +4,10 @@
 //! cheaper than at full resolution; the last layers have the numbers of four pixels side by side.
 
 use super::head::{Head, LastLayer, Output, SMOOTHED};
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use tauflow_ops::{Convolutions, GUIDES, LOCAL_MODELS};
 use tauflow_tensors::{
     Slots, Start,
@@ -293,18 +294,37 @@ impl Unet {
             x = run.blocks(&level.blocks, x, &time);
         }
         let x = run.activated(x, self.last, &time);
-        let layer = |layer: Option<Layer>| run.conv(layer.expect("a layer for each part of the head"), x.clone());
+        let [images, rows, columns, _] = x.dims();
+        let layer = |layer: Option<Layer>, rows: Range<usize>| {
+            run.conv_rows(layer.expect("a layer for each part of the head"), &x, rows)
+        };
         match inputs.head {
-            Some(head) => head.expand(|last| match last {
-                LastLayer::Numbers => layer(Some(self.head)),
-                LastLayer::Strengths => layer(self.guide),
-                LastLayer::Blend => layer(self.blend),
-                LastLayer::Shades => layer(self.shade),
-                LastLayer::Smooths => layer(self.smooth),
+            Some(head) => head.expand([images, rows, columns], &parts(&x), |last, rows| match last {
+                LastLayer::Numbers => layer(Some(self.head), rows),
+                LastLayer::Strengths => layer(self.guide, rows),
+                LastLayer::Blend => layer(self.blend, rows),
+                LastLayer::Shades => layer(self.shade, rows),
+                LastLayer::Smooths => layer(self.smooth, rows),
             }),
-            None => unfold(layer(Some(self.head))),
+            None => unfold(layer(Some(self.head), 0..rows)),
         }
     }
+}
+
+/// Rows of a small image that the last layers compute at once, at least.
+const PART: usize = 128;
+
+/// Minimal filtering makes tiles of so many rows: parts that begin with a whole tile have the bits of the whole image.
+const TILE: usize = 4;
+
+/// The parts of an image in which the last layers are computed: one in training, where all outputs are kept, and on
+/// devices that are no CPU.
+fn parts(x: &Tensor<4>) -> Vec<Range<usize>> {
+    let [images, rows, ..] = x.dims();
+    let count = if images == 1 && !x.is_autodiff() && x.device() == Device::flex() { (rows / PART).max(1) } else { 1 };
+    let bounds: Vec<usize> =
+        (0..=count).map(|i| if i < count { i * rows / count / TILE * TILE } else { rows }).collect();
+    bounds.windows(2).map(|ends| ends[0]..ends[1]).collect()
 }
 
 struct Builder {
@@ -357,6 +377,18 @@ impl Run<'_> {
 
     fn conv(&self, layer: Layer, x: Tensor<4>) -> Tensor<4> {
         conv3(x, self.weights[layer.kernel].clone(), self.weights[layer.bias].clone(), self.convolutions)
+    }
+
+    /// Some rows of a convolution.
+    fn conv_rows(&self, layer: Layer, x: &Tensor<4>, rows: Range<usize>) -> Tensor<4> {
+        let height = x.dims()[1];
+        if rows == (0..height) {
+            return self.conv(layer, x.clone());
+        }
+        let seen = rows.start.saturating_sub(TILE)..(rows.end + TILE).min(height);
+        let above = rows.start - seen.start;
+        let made = self.conv(layer, x.clone().narrow(1, seen.start, seen.len()));
+        made.narrow(1, above, rows.len())
     }
 
     fn activated(&self, x: Tensor<4>, modulation: Layer, time: &Tensor<2>) -> Tensor<4> {

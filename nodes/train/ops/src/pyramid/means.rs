@@ -24,6 +24,9 @@ pub struct WeightedMean {
     pub pyramid: Arc<Pyramid>,
     /// Added to the number of the pixel itself.
     pub own: f32,
+    /// Of a part of one image, whose rows follow each other: the first one, which is even. 0 for whole images. Gradients
+    /// are those of whole images.
+    pub first: usize,
 }
 
 /// The same where G-buffers guide the weights. From the number of each place is subtracted the squared distance between
@@ -35,6 +38,8 @@ pub struct GuidedMean {
     pub pyramid: Arc<Pyramid>,
     /// G-buffers of the same size, with the same windows.
     pub guides: Arc<Guides>,
+    /// As in [`WeightedMean`].
+    pub first: usize,
 }
 
 /// The sums of weighted colours and of weights.
@@ -176,13 +181,13 @@ impl Pyramid {
         }
     }
 
-    /// Writes the means of all pixels. `numbers` makes the numbers of four pixels in the scratch, by their place and
-    /// where they are among the small pixels.
-    fn means(&self, numbers: impl Fn(Place, usize, &mut Scratch) + Sync) -> Vec<f32> {
+    /// Writes the means of so many rows from the first. `numbers` makes the numbers of four pixels in the scratch, by
+    /// their place and where they are among the small pixels of these rows.
+    fn means(&self, (first, rows): (usize, usize), numbers: impl Fn(Place, usize, &mut Scratch) + Sync) -> Vec<f32> {
         let (row, count) = (3 * self.width, self.weights());
         // SAFETY: pairs of rows are all of the output, and each writes its own.
         unsafe {
-            filled(self.images * self.height * row, |out| {
+            filled(rows * row, |out| {
                 let pairs = out.par_chunks_exact_mut(2 * row).enumerate().with_min_len(self.least_pairs());
                 pairs.for_each_init(
                     || Scratch::new(count),
@@ -191,7 +196,7 @@ impl Pyramid {
                             #[inline(always)]
                             || {
                                 for column in 0..self.width / 2 {
-                                    let place = self.place(pair, column);
+                                    let place = self.place(first / 2 + pair, column);
                                     numbers(place, pair * (self.width / 2) + column, scratch);
                                     let sums = self.sums(place, scratch);
                                     for (one, sums) in sums.iter().enumerate() {
@@ -257,6 +262,20 @@ impl Pyramid {
         assert!(self.width.is_multiple_of(2) && self.height.is_multiple_of(2), "even sides");
         assert_eq!(numbers.len(), self.images * self.height * self.width * each, "{what}");
     }
+
+    /// How many rows from the first these numbers are of. Panics unless they are of whole images, or of some rows of
+    /// one.
+    fn rows(&self, numbers: &[f32], each: usize, first: usize, what: &str) -> usize {
+        let rows = numbers.len() / (self.width * each).max(1);
+        if first == 0 && rows == self.images * self.height {
+            self.check(numbers, each, what);
+            return rows;
+        }
+        assert!(self.images == 1 && first + rows <= self.height, "{what}: rows of one image");
+        assert!([self.width, first, rows].iter().all(|number| number.is_multiple_of(2)), "{what}: even sides");
+        assert_eq!(numbers.len(), rows * self.width * each, "{what}");
+        rows
+    }
 }
 
 /// Adds the places of a level to the sums of a pixel. Those in even and in odd columns are apart, so that neither waits
@@ -296,8 +315,10 @@ impl Operator<1> for WeightedMean {
     type Saved = ();
 
     fn forward(&self, [logits]: [&[f32]; 1]) -> (Vec<f32>, ()) {
-        self.pyramid.check(logits, self.pyramid.weights(), "a number for each place of the windows");
+        let told = "a number for each place of the windows";
+        let rows = self.pyramid.rows(logits, self.pyramid.weights(), self.first, told);
         let means = self.pyramid.means(
+            (self.first, rows),
             #[inline(always)]
             |_, at, scratch| self.numbers(logits, at, scratch),
         );
@@ -326,13 +347,15 @@ impl GuidedMean {
         GUIDES * self.guides.levels.len()
     }
 
-    fn check(&self, numbers: &[f32], strengths: &[f32]) {
+    fn rows(&self, numbers: &[f32], strengths: &[f32]) -> usize {
         let sides = |of: &mut dyn Iterator<Item = usize>| of.collect::<Vec<_>>();
         assert_eq!(self.guides.size(), self.pyramid.size(), "guides of the size of what is averaged");
         let own = sides(&mut self.pyramid.levels.iter().map(|level| level.side));
         assert_eq!(sides(&mut self.guides.levels.iter().map(|level| level.side)), own, "the same windows");
-        self.pyramid.check(numbers, self.pyramid.weights(), "a number for each place of the windows");
-        self.pyramid.check(strengths, self.strengths(), "strengths for each pixel");
+        let told = "a number for each place of the windows";
+        let rows = self.pyramid.rows(numbers, self.pyramid.weights(), self.first, told);
+        assert_eq!(strengths.len(), rows * self.pyramid.width * self.strengths(), "strengths for each pixel");
+        rows
     }
 
     /// The numbers of four pixels, lowered.
@@ -390,8 +413,9 @@ impl Operator<2> for GuidedMean {
     type Saved = ();
 
     fn forward(&self, [numbers, strengths]: [&[f32]; 2]) -> (Vec<f32>, ()) {
-        self.check(numbers, strengths);
+        let rows = self.rows(numbers, strengths);
         let means = self.pyramid.means(
+            (self.first, rows),
             #[inline(always)]
             |place, at, scratch| self.numbers(place, (numbers, strengths), at, scratch),
         );
@@ -400,7 +424,7 @@ impl Operator<2> for GuidedMean {
 
     fn backward(&self, inputs: [&[f32]; 2], (): &(), gradient: &[f32], _: [bool; 2]) -> [Vec<f32>; 2] {
         let [numbers, strengths] = inputs;
-        self.check(numbers, strengths);
+        self.rows(numbers, strengths);
         self.pyramid.check(gradient, 3, "a gradient for each mean");
         let (count, each) = (self.pyramid.weights(), self.strengths());
         self.pyramid.each(

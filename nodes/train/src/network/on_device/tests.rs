@@ -84,12 +84,12 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     let light = Arc::new(Pyramid::new(&numbers(1, 2 * height * width * 3), height, width, SIDES));
     let logits: Vec<f32> = numbers(2, 2 * height * width * light.weights()).iter().map(|v| 4.0 * v).collect();
     for own in [0.0, 3.0] {
-        let mean = WeightedMean { pyramid: light.clone(), own };
+        let mean = WeightedMean { pyramid: light.clone(), own, first: 0 };
         all.push((format!("WeightedMean, own {own}"), difference(mean, [logits.clone()], device)));
     }
     let guides = Arc::new(Guides::new(&numbers(11, 2 * height * width * 6), height, width, SIDES));
     let weights = light.weights();
-    let guided = GuidedMean { pyramid: light, guides };
+    let guided = GuidedMean { pyramid: light, guides, first: 0 };
     // Weak ones, so that no place takes all of the weight.
     let strengths = numbers(14, 2 * height * width * guided.strengths()).iter().map(|v| 0.1 * v).collect();
     let inputs = [numbers(13, 2 * height * width * weights), strengths];

@@ -60,7 +60,7 @@ fn assert_slope(found: f32, value: impl Fn(f64) -> f64, what: &str) {
 #[test]
 fn means_and_gradients_are_those_of_the_definition() {
     let (pixels, pyramid) = pyramid();
-    let operator = WeightedMean { pyramid, own: 0.5 };
+    let operator = WeightedMean { pyramid, own: 0.5, first: 0 };
     let logits: Vec<f32> = numbers(5, ALL * COUNT).iter().map(|v| 4.0 * v).collect();
     let given = folded(&logits, COUNT, false);
     let (out, ()) = operator.forward([&given]);
@@ -94,7 +94,7 @@ fn guides_lower_what_looks_different_as_defined() {
     gbuffer.iter_mut().step_by(50).for_each(|value| *value *= 4.0);
     gbuffer[103] = 1e30;
     let guides = Arc::new(Guides::new(&gbuffer, SIZE.0, SIZE.1, &SIDES));
-    let operator = GuidedMean { pyramid, guides };
+    let operator = GuidedMean { pyramid, guides, first: 0 };
     let each = operator.strengths();
     assert_eq!(each, 6);
     let logits: Vec<f32> = numbers(5, ALL * COUNT).iter().map(|v| 4.0 * v).collect();
@@ -153,7 +153,7 @@ fn guides_lower_what_looks_different_as_defined() {
 #[test]
 fn means_stay_within_the_window_whatever_the_weights() {
     let (pixels, pyramid) = pyramid();
-    let operator = WeightedMean { pyramid, own: 0.0 };
+    let operator = WeightedMean { pyramid, own: 0.0, first: 0 };
     // A weight far above the others takes it all, here the window's middle.
     let mut logits = vec![-300.0f32; ALL * COUNT];
     logits.chunks_exact_mut(COUNT).for_each(|of| of[12] = 300.0);
@@ -172,8 +172,8 @@ fn tiny_images_are_averaged_as_well() {
         let guides = Arc::new(Guides::new(&numbers(2, 6 * pixels), height, width, sides));
         let count = pyramid.weights();
         let logits = numbers(3, count * pixels);
-        let plain = WeightedMean { pyramid: pyramid.clone(), own: 0.0 };
-        let guided = GuidedMean { pyramid, guides };
+        let plain = WeightedMean { pyramid: pyramid.clone(), own: 0.0, first: 0 };
+        let guided = GuidedMean { pyramid, guides, first: 0 };
         // Strengths of zero guide nothing.
         let none = vec![0.0; guided.strengths() * pixels];
         let (expected, ()) = plain.forward([&logits]);
@@ -197,7 +197,7 @@ fn what_is_no_number_is_far() {
         let mut gbuffer = vec![0.25; 6 * ALL];
         gbuffer[6 * (3 * SIZE.1 + 3)] = value;
         let guides = Arc::new(Guides::new(&gbuffer, SIZE.0, SIZE.1, &SIDES));
-        let guided = GuidedMean { pyramid: pyramid.clone(), guides };
+        let guided = GuidedMean { pyramid: pyramid.clone(), guides, first: 0 };
         guided.forward([&folded(&numbers(5, ALL * COUNT), COUNT, false), &vec![0.1; ALL * guided.strengths()]]).0
     };
     let (nan, infinite) = (far(f32::NAN), far(1e30));
