@@ -122,6 +122,43 @@ fn an_optional_input_of_which_nothing_is_read_is_a_mistake() {
 }
 
 #[test]
+fn some_ladders_of_a_training_may_end_earlier_if_examples_have_no_count() {
+    let with = |rungs: &str, params: &str, test: &str| {
+        let short = format!(
+            "  short:
+    kind: ladder_rendering
+    matrix: {{ set: [short] }}
+    inputs: {{ scenes: gate.accepted }}
+    params: {{ {rungs} }}
+  short_set:
+    kind: dataset_packing
+    matrix: {{ like: short }}
+    inputs: {{ ladders: short, exposure: gate.exposure }}\n  hold:"
+        );
+        told(&[
+            ("[mc_noise, mc_velocity]", "[mc_noise]"),
+            ("train: train_set, test: test_set", &format!("train: [short_set, train_set], test: {test}")),
+            ("steps: 2, conditioning: rgb", &format!("steps: 2, conditioning: rgb{params}")),
+            ("  hold:", &short),
+        ])
+    };
+    let apart = ", unknown_counts: 0.5, independent_targets: true";
+    let rungs = "rungs: [1, 2, 4], resolution: [32, 32]";
+    assert_eq!(with(rungs, apart, "test_set"), "");
+    let said = with(rungs, "", "test_set");
+    assert!(said.contains("has the rungs 1, 2, 4, but `train_set` has 1, 2, 4, 8"), "{said}");
+    let said = with(rungs, apart, "short_set");
+    assert!(said.contains("has the rungs 1, 2, 4, but `train_set` has 1, 2, 4, 8"), "{said}");
+    let said = with("rungs: [1, 3], resolution: [32, 32]", apart, "test_set");
+    assert!(said.contains("1, 3, but") && said.contains("the first of the other's"), "{said}");
+    let said = with("rungs: [1], resolution: [32, 32]", apart, "test_set");
+    assert!(said.contains("have one rung, but training needs two"), "{said}");
+    // Rungs that are known only after a run may be any.
+    let open = "rungs: [1, 2], resolution: [32, 32], until: { relative_error: 0.1, at_most: 64 }";
+    assert_eq!(with(open, apart, "test_set"), "");
+}
+
+#[test]
 fn rungs_and_sizes_that_must_be_equal_are_compared() {
     let rungs = [(
         "rungs: { dyadic: 8 }, resolution: [32, 32], stream: 1",

@@ -82,6 +82,13 @@ impl Bins {
         exp(self.means.iter().map(|b| log(b.max(floor))).sum::<f64>() / self.means.len() as f64)
     }
 
+    /// The same bins without those that are black: what is behind a scene does not make it brighter or darker.
+    fn lit(&self) -> Self {
+        let means: Vec<f64> = self.means.iter().copied().filter(|mean| *mean > 0.0).collect();
+        // An image without any light has the mean of a black one.
+        if means.is_empty() { Self { width: self.width, means: self.means.clone() } } else { Self { width: 1, means } }
+    }
+
     /// The display value of each.
     pub fn shown(&self, exposure: f64) -> Vec<f64> {
         self.means.iter().map(|mean| show(*mean, exposure)).collect()
@@ -125,4 +132,9 @@ pub fn mean_luminance(image: &Image) -> f64 {
 /// what the exposure's `key` is divided by.
 pub fn geometric_mean_luminance(image: &Image) -> f64 {
     Bins::of(image, BIN).geometric_mean(mean_luminance(image))
+}
+
+/// The same of the bins that are not black, such as those of a black background.
+pub fn lit_geometric_mean_luminance(image: &Image) -> f64 {
+    Bins::of(image, BIN).lit().geometric_mean(mean_luminance(image))
 }

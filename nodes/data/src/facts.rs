@@ -69,12 +69,10 @@ pub fn same_rungs(port: impl Named, source: &Source, other: &Source) -> Option<F
     })
 }
 
-/// The source with the longest ladder, the first of several; none if the ladder of one is unknown.
+/// Of the sources whose ladders are known, the one with the longest, the first of several.
 pub fn longest(sources: &[Source]) -> Option<&Source> {
-    let lengths: Option<Vec<usize>> = sources.iter().map(|source| Some(source.facts.get(RUNGS)?.len())).collect();
-    let lengths = lengths?;
-    let most = *lengths.iter().max()?;
-    sources.iter().zip(&lengths).find(|(_, length)| **length == most).map(|(source, _)| source)
+    let lengths = sources.iter().filter_map(|source| Some((source.facts.get(RUNGS)?.len(), source)));
+    lengths.reduce(|most, next| if next.0 > most.0 { next } else { most }).map(|(_, source)| source)
 }
 
 /// Whether a ladder that may end before another has only first rungs of it; `port` is the input of `source`.

@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 use std::time::Instant;
 use tauflow_contract::{
     Action, All, Basis, Context, Digest, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec,
-    Known, Later, Media, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, derive_seed, leave_out,
+    Known, Later, Media, Mode, Out, Outlook, Outputs, ParamProblem, Probe, Resources, Source, derive_seed, leave_out,
 };
 use tauflow_data::{
     SamplerKind,
@@ -92,22 +92,23 @@ impl Kind for Training {
         let (train, test) = (known.all(TRAIN), known.all(TEST));
         let mut problems: Vec<Foreseen> = Vec::new();
         if let Some(first) = train.first() {
-            let longest = facts::longest(train).unwrap_or(first);
-            problems.extend(train.iter().find_map(|other| {
-                let differs = facts::same_rungs(TRAIN, other, longest)?;
-                match params.allows_shorter() {
-                    true => facts::first_rungs(TRAIN, other, longest),
-                    false => Some(differs),
-                }
+            let whole = facts::longest(train).unwrap_or(first);
+            problems.extend(train.iter().find_map(|other| match params.allows_shorter() {
+                true => facts::first_rungs(TRAIN, other, whole),
+                false => facts::same_rungs(TRAIN, other, whole),
             }));
-            problems.extend(test.iter().find_map(|other| facts::same_rungs(TEST, other, longest)));
+            // One that is not known may be the longest.
+            if !params.allows_shorter() || train.iter().all(|set| set.facts.get(RUNGS).is_some()) {
+                problems.extend(test.iter().find_map(|other| facts::same_rungs(TEST, other, whole)));
+            }
             problems.extend(train.iter().find_map(|other| facts::same_sampling(TRAIN, other, first)));
             problems.extend(test.iter().find_map(|other| facts::same_sampling(TEST, other, first)));
             if params.independent_targets {
                 problems.extend(facts::independent(TRAIN, first));
             }
-            if first.facts.get(RUNGS).is_some_and(|rungs| rungs.len() < 2) {
-                let message = format!("the ladders of `{}` have one rung, but training needs two", first.name);
+            let short = |set: &&Source| set.facts.get(RUNGS).is_some_and(|rungs| rungs.len() < 2);
+            if let Some(set) = train.iter().find(short) {
+                let message = format!("the ladders of `{}` have one rung, but training needs two", set.name);
                 problems.push(Foreseen::input(TRAIN, message, "add a count to their `rungs`"));
             }
         }
@@ -117,7 +118,7 @@ impl Kind for Training {
         problems.extend(train.iter().find_map(|set| facts::gbuffer(TRAIN, set, params.conditioning)));
         problems.extend(test.iter().find_map(|set| facts::gbuffer(TEST, set, params.conditioning)));
         let model = Facts::default()
-            .with_some(RUNGS, facts::longest(train).and_then(|longest| longest.facts.get(RUNGS)))
+            .with_some(RUNGS, rungs(params, train))
             .with_some(INDEPENDENT, facts::shared(train, INDEPENDENT))
             .with(CONDITIONING, params.conditioning)
             .with(PARAMETERIZATION, params.parameterization);
@@ -160,6 +161,15 @@ impl Kind for Training {
         let fitted = fitted(ctx, action)?;
         let work = OneTraining { ctx, params, seed, train, test, start, fitted, place: Place::of(params.device)? };
         work.run(&mut Share::new())
+    }
+}
+
+/// The rungs of the model, if they are known: the longest of all ladders.
+fn rungs(params: &TrainingParams, train: &[Source]) -> Option<Vec<u64>> {
+    let known = train.iter().all(|set| set.facts.get(RUNGS).is_some());
+    match params.allows_shorter() {
+        true => facts::longest(train).filter(|_| known).and_then(|longest| longest.facts.get(RUNGS)),
+        false => facts::shared(train, RUNGS),
     }
 }
 
@@ -257,7 +267,7 @@ impl OneTraining<'_> {
         };
         if let Some(test) = test.as_ref().filter(|t| t.counts != train.counts || !t.is_whole()) {
             return Err(KindError::Input(format!(
-                "the test scenes have rungs {:?}, but the training scenes have {:?}; give all test scenes all of the \
+                "the test scenes have rungs {:?}, but the training scenes have {:?}; give all test scenes the same \
                 `rungs`",
                 test.counts, train.counts
             )));

@@ -312,6 +312,20 @@ fn unfit_data_are_refused_with_a_reason() {
     lab.train = toy::collection(&lab.blobs, 0..1, 16, &COUNTS);
     lab.test = Collection::default();
     assert!(refused(&lab, &TrainingParams { shuffle_targets: true, ..short() }).contains("two training scenes"));
+    lab.train.items.extend(toy::collection(&lab.blobs, 60..61, 16, &COUNTS[..3]).items);
+    let told = refused(&lab, &short());
+    assert!(told.contains("[1, 2, 4, 8, 16]") && told.contains("`independent_targets`"), "{told}");
+    let apart = TrainingParams {
+        unknown_counts: 0.5,
+        independent_targets: true,
+        parameterization: Parameterization::McNoise,
+        ..short()
+    };
+    let model = Model::load(&lab.bytes(&lab.train(&apart), "model")).expect("own bytes");
+    assert_eq!(model.info().counts, COUNTS);
+    lab.test = toy::collection(&lab.blobs, 50..52, 16, &COUNTS[..3]);
+    assert!(refused(&lab, &apart).contains("same `rungs`"));
+    lab.test = Collection::default();
     lab.train = Collection::default();
     assert!(refused(&lab, &short()).contains("no scenes"));
     lab.train = toy::collection(&lab.blobs, 0..1, 6, &COUNTS);

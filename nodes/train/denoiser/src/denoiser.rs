@@ -8,7 +8,7 @@ use crate::{
 };
 use std::borrow::Cow;
 use tauflow_contract::KindError;
-use tauflow_data::{Image, bins::geometric_mean_luminance, views::Views};
+use tauflow_data::{Image, bins::lit_geometric_mean_luminance, views::Views};
 use tauflow_train::{Conditioning, Mirrored, Model, clean_estimate};
 
 /// Geometric mean luminance that solvers saw scenes exposed to.
@@ -158,9 +158,9 @@ impl Denoiser {
         let exposure = settings.exposure.unwrap_or_else(|| {
             let bright = noisy.data().iter().any(|value| value.abs() > bound);
             KEY / if bright {
-                geometric_mean_luminance(&noisy.map(|value| value.clamp(-bound, bound)))
+                lit_geometric_mean_luminance(&noisy.map(|value| value.clamp(-bound, bound)))
             } else {
-                geometric_mean_luminance(noisy)
+                lit_geometric_mean_luminance(noisy)
             }
         });
         if !(exposure.is_finite() && exposure > 0.0) {

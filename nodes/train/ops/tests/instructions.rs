@@ -4,7 +4,7 @@
 use std::{process::Command, sync::Arc};
 use tauflow_ops::{
     Adam, Conv3, Convolutions, Fold, GuidedMean, Guides, Instructions, Linear, NormSilu, Operator, Pyramid, Silu,
-    WeightedMean, exp, expm1, log1p, map, map2, square_sum,
+    WeightedMean, exp, expm1, local_models, log1p, map, map2, square_sum,
 };
 
 /// Set in the processes that answer.
@@ -61,6 +61,7 @@ fn found() -> Vec<(&'static str, u64)> {
         ("weighted means", both(&WeightedMean { pyramid, own: 2.0, first: 0 }, [&logits])),
         ("convolution", convolution(Convolutions::Direct)),
         ("minimal convolution", convolution(Convolutions::Minimal)),
+        ("local models", bits([&local_models(&numbers(1, 76 * 84 * 3), &numbers(2, 76 * 84 * 6), 76, 84)])),
         ("linear", both(&linear, [&numbers(1, 111 * 37), &numbers(2, 37 * 53), &numbers(3, 53)])),
         ("fold", both(&fold, [&numbers(1, 2 * 10 * 14 * 24)])),
         ("adam", bits(&state)),

@@ -311,7 +311,7 @@ impl Unet {
     }
 }
 
-/// Rows of a small image that the last layers compute at once, at least.
+/// Rows of a small image that the last layers compute at once, about.
 const PART: usize = 128;
 
 /// Minimal filtering makes tiles of so many rows: parts that begin with a whole tile have the bits of the whole image.
@@ -321,10 +321,14 @@ const TILE: usize = 4;
 /// devices that are no CPU.
 fn parts(x: &Tensor<4>) -> Vec<Range<usize>> {
     let [images, rows, ..] = x.dims();
-    let count = if images == 1 && !x.is_autodiff() && x.device() == Device::flex() { (rows / PART).max(1) } else { 1 };
-    let bounds: Vec<usize> =
-        (0..=count).map(|i| if i < count { i * rows / count / TILE * TILE } else { rows }).collect();
-    bounds.windows(2).map(|ends| ends[0]..ends[1]).collect()
+    if images == 1 && !x.is_autodiff() && x.device() == Device::flex() { parts_of(rows) } else { vec![0..rows] }
+}
+
+/// Parts of about [`PART`] rows and more, if there are so many, that begin with whole tiles.
+fn parts_of(rows: usize) -> Vec<Range<usize>> {
+    let count = (rows / PART).max(1);
+    let bound = |i: usize| if i < count { i * rows / count / TILE * TILE } else { rows };
+    (0..count).map(|i| bound(i)..bound(i + 1)).collect()
 }
 
 struct Builder {
@@ -435,6 +439,16 @@ mod tests {
             found[at] += 1;
         }
         assert_eq!(found, [4, 4, 2]);
+    }
+
+    #[test]
+    fn parts_begin_with_whole_tiles_and_cover_all_rows() {
+        for rows in (8..1000).step_by(8) {
+            let parts = parts_of(rows);
+            assert_eq!((parts.len(), parts[0].start, parts[parts.len() - 1].end), ((rows / 128).max(1), 0, rows));
+            assert!(parts.iter().all(|part| part.start % 4 == 0 && part.len() >= rows.min(124)), "{parts:?}");
+            assert!(parts.windows(2).all(|pair| pair[0].end == pair[1].start));
+        }
     }
 
     #[test]

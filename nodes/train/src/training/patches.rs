@@ -66,15 +66,17 @@ impl Patch {
         // Colours of any saturation.
         let (colour, grey) = ([0; 3].map(|_| power(-2.0, 0.0)), power(-3.0, 0.0));
         let (dim, bright) = (power(-6.0, 1.5), power(1.5, 8.0));
-        // What is around the scene does not shine.
-        let (level, empty) = match kind {
-            ..0.4 => (0.0, true),
-            ..0.5 => (dim, true),
-            ..0.6 => (dim, false),
-            _ if around => (0.0, true),
-            _ => (bright, false),
+        let facing = |albedo: f32| [albedo, albedo, albedo, 0.0, 0.0, 1.0];
+        // What is around the scene does not shine. A black background mostly is a black surface, as the denoiser makes
+        // it, and sometimes nothing, as beside a sky.
+        let (level, gbuffer) = match kind {
+            ..0.3 => (0.0, facing(0.0)),
+            ..0.4 => (0.0, [0.0; 6]),
+            ..0.5 => (dim, [0.0; 6]),
+            ..0.6 => (dim, facing(grey)),
+            _ if around => (0.0, facing(0.0)),
+            _ => (bright, facing(grey)),
         };
-        let gbuffer = if empty { [0.0; 6] } else { [grey, grey, grey, 0.0, 0.0, 1.0] };
         let covered = covered(stream, side, around);
         let hits = hits(stream, &covered, counts);
         Self { radiance: colour.map(|colour| level * colour), gbuffer, covered, hits }

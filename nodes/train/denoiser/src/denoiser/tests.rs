@@ -149,6 +149,23 @@ fn the_exposure_of_the_frame_does_not_matter() {
 }
 
 #[test]
+fn a_black_background_does_not_change_the_exposure() {
+    let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+    let own = made_up(48, 32, 3, 1);
+    let mut framed = Image::new(120, 80, 3);
+    for (y, row) in own.data().chunks_exact(3 * 48).enumerate() {
+        (0..48).for_each(|x| framed.pixel_mut(x + 24, y + 40).copy_from_slice(&row[3 * x..3 * x + 3]));
+    }
+    let [own, framed, black] = [own, framed, Image::new(24, 16, 3)].map(|image| {
+        let frame = Frame::new(image).expect("finite");
+        denoiser.denoise(&frame, &Settings::default(), &mut quiet).map(|denoised| denoised.exposure)
+    });
+    let (own, framed) = (own.expect("fine"), framed.expect("fine"));
+    assert!((framed / own - 1.0).abs() < 1e-9, "{own} {framed}");
+    assert!(black.is_ok_and(f64::is_finite));
+}
+
+#[test]
 fn a_told_count_leaves_no_more_noise_than_an_unknown_one() {
     // Grey noise of 32 samples on a grey wall.
     let mut stream = Stream::new(9, &[]);

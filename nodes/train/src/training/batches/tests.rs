@@ -386,6 +386,44 @@ fn shorter_ladders_give_examples_without_a_count_and_targets_of_their_own() {
 }
 
 #[test]
+fn patches_lie_over_states_targets_and_gbuffers_alike_and_change_nothing_else() {
+    let (set, encoding) = (set(3), encoding(Parameterization::McNoise));
+    let draw = Draw { unknown_counts: 0.5, independent_targets: true, uneven_counts: 0.5, batch: 50, ..PLAIN };
+    let (mut patched, mut covered, mut edges) = (0, 0, 0);
+    for step in 0..8 {
+        let [before, after] =
+            [0.0, 0.4].map(|patches| set.draw(&encoding, &Draw { patches, permute_colours: true, ..draw }, step));
+        assert_eq!(before.tau, after.tau);
+        for i in 0..50 {
+            let of = |batch: &Batch| {
+                let gbuffer = batch.gbuffers[i].clone().expect("asked for");
+                (batch.states[i].clone(), batch.targets[i * 192..(i + 1) * 192].to_vec(), gbuffer)
+            };
+            let (before, after) = (of(&before), of(&after));
+            patched += usize::from(before != after);
+            for pixel in 0..64 {
+                let (colours, features) = (3 * pixel..3 * pixel + 3, 6 * pixel..6 * pixel + 6);
+                if after.2[features.clone()] == before.2[features.clone()] {
+                    assert!(after.0[colours.clone()] == before.0[colours.clone()]);
+                    assert!(after.1[colours.clone()] == before.1[colours]);
+                } else {
+                    // The G-buffer of the scene has values of some hundreds. Where nothing of it is seen, nothing is
+                    // noise, but for pixels between two patches.
+                    let noise_free = after.1[colours].iter().all(|target| target.abs() < 0.05);
+                    let hidden = after.2[features].iter().all(|value| value.abs() <= 1.0);
+                    covered += usize::from(noise_free && hidden);
+                    edges += usize::from(!noise_free || !hidden);
+                }
+            }
+        }
+    }
+    let deviation = (0.4f64 * 0.6 * 400.0).sqrt();
+    // Some patches lie beside the window.
+    assert!((patched as f64) < 160.0 + 4.0 * deviation && patched > 80, "{patched}");
+    assert!(covered > 1000 && edges > 100 && edges < covered, "{covered} {edges}");
+}
+
+#[test]
 fn exposure_and_colours_change_on_state_target_and_albedo_alike() {
     let set = set(4);
     let encoding = encoding(Parameterization::McNoise);
