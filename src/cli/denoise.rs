@@ -71,7 +71,7 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     mirrors: u64,
     /// Exposure factor for the network; the result has the original exposure. Default: 0.18 divided by the geometric
-    /// mean luminance of what is not black.
+    /// mean luminance of what is not black, or 0.72 if 1% or more is black.
     #[arg(long, value_name = "FACTOR")]
     exposure: Option<f64>,
     /// Side of tiles in pixels. Default: tiles for images above 1.6 million pixels. Results differ only by rounding.

@@ -127,7 +127,7 @@ fn some_ladders_of_a_training_may_end_earlier_if_examples_have_no_count() {
         let short = format!(
             "  short:
     kind: ladder_rendering
-    matrix: {{ set: [short] }}
+    matrix: {{ stream: [5] }}
     inputs: {{ scenes: gate.accepted }}
     params: {{ {rungs} }}
   short_set:

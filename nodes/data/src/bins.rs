@@ -84,9 +84,7 @@ impl Bins {
 
     /// The same bins without those that are black: what is behind a scene does not make it brighter or darker.
     fn lit(&self) -> Self {
-        let means: Vec<f64> = self.means.iter().copied().filter(|mean| *mean > 0.0).collect();
-        // An image without any light has the mean of a black one.
-        if means.is_empty() { Self { width: self.width, means: self.means.clone() } } else { Self { width: 1, means } }
+        Self { width: 1, means: self.means.iter().copied().filter(|mean| *mean > 0.0).collect() }
     }
 
     /// The display value of each.
@@ -134,7 +132,11 @@ pub fn geometric_mean_luminance(image: &Image) -> f64 {
     Bins::of(image, BIN).geometric_mean(mean_luminance(image))
 }
 
-/// The same of the bins that are not black, such as those of a black background.
-pub fn lit_geometric_mean_luminance(image: &Image) -> f64 {
-    Bins::of(image, BIN).lit().geometric_mean(mean_luminance(image))
+/// The same of the bins that are not black, such as those of a black background, and the share of those that are. Of an
+/// image without light, the mean is that of all.
+pub fn lit_geometric_mean_luminance(image: &Image) -> (f64, f64) {
+    let (all, mean) = (Bins::of(image, BIN), mean_luminance(image));
+    let lit = all.lit();
+    let black = 1.0 - lit.means.len() as f64 / all.means.len() as f64;
+    (if lit.means.is_empty() { &all } else { &lit }.geometric_mean(mean), black)
 }

@@ -157,11 +157,12 @@ impl Denoiser {
         let bound = bound(noisy);
         let exposure = settings.exposure.unwrap_or_else(|| {
             let bright = noisy.data().iter().any(|value| value.abs() > bound);
-            KEY / if bright {
+            let (mean, black) = if bright {
                 lit_geometric_mean_luminance(&noisy.map(|value| value.clamp(-bound, bound)))
             } else {
                 lit_geometric_mean_luminance(noisy)
-            }
+            };
+            if black > BLACK { KEY_BEFORE_BLACK / mean } else { KEY / mean }
         });
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(KindError::Input(format!("an exposure of {exposure}; it must be a factor above 0")));
@@ -320,6 +321,13 @@ impl Rows {
         Image::from_data(right - left, bottom - top, 3, data).expect("rows of one width")
     }
 }
+
+/// The share of black blocks of pixels from which on an image has a black background.
+const BLACK: f64 = 0.01;
+
+/// What such an image is exposed to. The network sees a little light beside much better if it is brighter, so that less
+/// of an object spreads over the background; more than this is no better.
+const KEY_BEFORE_BLACK: f64 = 4.0 * KEY;
 
 /// Largest side of tiles.
 const MOST_TILE: usize = 16384;
