@@ -184,9 +184,9 @@ mod tests {
         assert_eq!((first_rungs(PORT, &sets[0], most), first_rungs(PORT, most, most)), (None, None));
         let told = first_rungs(PORT, &sets[2], most).expect("other rungs");
         assert_eq!(told.message, "`as long` has the rungs 1, 3, 9, but `long` has 1, 2, 4");
-        assert!(
-            longest(&[set("known", &[1]), source("unknown", Facts::default())]).is_none() && longest(&[]).is_none()
-        );
+        let some = [source("unknown", Facts::default()), set("known", &[1])];
+        assert_eq!(longest(&some).map(|known| &*known.name), Some("known"));
+        assert!(longest(&some[..1]).is_none() && longest(&[]).is_none());
     }
 
     #[test]

@@ -128,9 +128,10 @@ pub fn apply_on_cpu<const N: usize, const D: usize, O: Operator<N>>(
 }
 
 fn contiguous(tensor: FlexTensor) -> FlexTensor {
-    if tensor.is_contiguous() && tensor.layout().start_offset() == 0 { tensor } else { tensor.to_contiguous() }
+    if tensor.is_contiguous() { tensor } else { tensor.to_contiguous() }
 }
 
+/// The numbers of a contiguous tensor, which may be a part of another: rows of an image are not copied.
 fn values(tensor: &FlexTensor) -> &[f32] {
-    &tensor.storage::<f32>()[..tensor.layout().num_elements()]
+    &tensor.storage::<f32>()[tensor.layout().start_offset()..][..tensor.layout().num_elements()]
 }
