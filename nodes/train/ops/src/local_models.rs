@@ -223,8 +223,8 @@ fn solve(means: &[Moments; LANES], window: usize, models: &mut [Models]) {
     for i in 0..GUIDE {
         for j in 0..=i {
             let mut known = [0.0; LANES];
-            for k in 0..j {
-                add(&mut known, &factor[i][k], &factor[j][k]);
+            for (own, other) in factor[i].iter().zip(&factor[j]).take(j) {
+                add(&mut known, own, other);
             }
             let diagonal = factor[j][j];
             for lane in 0..LANES {

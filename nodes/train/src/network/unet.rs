@@ -321,12 +321,13 @@ const TILE: usize = 4;
 /// devices that are no CPU.
 fn parts(x: &Tensor<4>) -> Vec<Range<usize>> {
     let [images, rows, ..] = x.dims();
-    if images == 1 && !x.is_autodiff() && x.device() == Device::flex() { parts_of(rows) } else { vec![0..rows] }
+    let some = images == 1 && !x.is_autodiff() && x.device() == Device::flex();
+    parts_of(rows, if some { rows / PART } else { 1 })
 }
 
-/// Parts of about [`PART`] rows and more, if there are so many, that begin with whole tiles.
-fn parts_of(rows: usize) -> Vec<Range<usize>> {
-    let count = (rows / PART).max(1);
+/// So many parts, at least one, that begin with whole tiles.
+fn parts_of(rows: usize, count: usize) -> Vec<Range<usize>> {
+    let count = count.max(1);
     let bound = |i: usize| if i < count { i * rows / count / TILE * TILE } else { rows };
     (0..count).map(|i| bound(i)..bound(i + 1)).collect()
 }
@@ -444,7 +445,7 @@ mod tests {
     #[test]
     fn parts_begin_with_whole_tiles_and_cover_all_rows() {
         for rows in (8..1000).step_by(8) {
-            let parts = parts_of(rows);
+            let parts = parts_of(rows, rows / PART);
             assert_eq!((parts.len(), parts[0].start, parts[parts.len() - 1].end), ((rows / 128).max(1), 0, rows));
             assert!(parts.iter().all(|part| part.start % 4 == 0 && part.len() >= rows.min(124)), "{parts:?}");
             assert!(parts.windows(2).all(|pair| pair[0].end == pair[1].start));
