@@ -132,8 +132,8 @@ pub fn geometric_mean_luminance(image: &Image) -> f64 {
     Bins::of(image, BIN).geometric_mean(mean_luminance(image))
 }
 
-/// The same of the bins that are not black, such as those of a black background, and the share of those that are. Of an
-/// image without light, the mean is that of all.
+/// The same mean without black bins, and the share of black bins. A black background then has no part in it. An image
+/// without any light has the mean of all its bins.
 pub fn lit_geometric_mean_luminance(image: &Image) -> (f64, f64) {
     let (all, mean) = (Bins::of(image, BIN), mean_luminance(image));
     let lit = all.lit();

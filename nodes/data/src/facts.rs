@@ -69,7 +69,7 @@ pub fn same_rungs(port: impl Named, source: &Source, other: &Source) -> Option<F
     })
 }
 
-/// Of the sources whose ladders are known, the one with the longest, the first of several.
+/// The source with the longest known ladder, the first if there are several.
 pub fn longest(sources: &[Source]) -> Option<&Source> {
     let lengths = sources.iter().filter_map(|source| Some((source.facts.get(RUNGS)?.len(), source)));
     lengths.reduce(|most, next| if next.0 > most.0 { next } else { most }).map(|(_, source)| source)

@@ -157,11 +157,8 @@ impl Denoiser {
         let bound = bound(noisy);
         let exposure = settings.exposure.unwrap_or_else(|| {
             let bright = noisy.data().iter().any(|value| value.abs() > bound);
-            let (mean, black) = if bright {
-                lit_geometric_mean_luminance(&noisy.map(|value| value.clamp(-bound, bound)))
-            } else {
-                lit_geometric_mean_luminance(noisy)
-            };
+            let bounded = bright.then(|| noisy.map(|value| value.clamp(-bound, bound)));
+            let (mean, black) = lit_geometric_mean_luminance(bounded.as_ref().unwrap_or(noisy));
             if black > BLACK { KEY_BEFORE_BLACK / mean } else { KEY / mean }
         });
         if !(exposure.is_finite() && exposure > 0.0) {
@@ -322,11 +319,11 @@ impl Rows {
     }
 }
 
-/// The share of black blocks of pixels from which on an image has a black background.
+/// An image has a black background if a larger share of its blocks of pixels is black.
 const BLACK: f64 = 0.01;
 
-/// What such an image is exposed to. The network sees a little light beside much better if it is brighter, so that less
-/// of an object spreads over the background; more than this is no better.
+/// The exposure of an image with a black background. Brighter than others, it spreads less of an object over the
+/// background; more than this is no better.
 const KEY_BEFORE_BLACK: f64 = 4.0 * KEY;
 
 /// Largest side of tiles.

@@ -47,7 +47,7 @@ const STRIDE: usize = VALUES.next_multiple_of(16);
 /// Slopes for each value of the guide, constants, and the mean light, of all windows: each [`STRIDE`] numbers.
 type Models = [f32; STRIDE * (GUIDE + 2)];
 
-/// Of nothing.
+/// Models that give 0 everywhere.
 const NO_MODELS: Models = [0.0; STRIDE * (GUIDE + 2)];
 
 /// How far, in pixels, a fit looks at most: at the blocks of a window, and at the models of two blocks on each axis.

@@ -8,7 +8,7 @@ pub(super) struct Patches(Vec<Patch>);
 
 /// A rectangle, or all around one.
 struct Patch {
-    /// What it shows, as exposed as the scenes.
+    /// Its radiance, at the exposure of the scenes.
     radiance: [f32; 3],
     /// Albedo and normal.
     gbuffer: [f32; 6],
@@ -24,7 +24,7 @@ const MOST: usize = 3;
 /// Points on each side of a pixel that tell how much of it is covered.
 const POINTS: usize = 4;
 
-/// Of how many samples hits are drawn one by one; those of more are normal numbers.
+/// Hits of up to so many samples are drawn one by one, those of more by a normal distribution.
 const SINGLE: u64 = 16;
 
 impl Patches {
@@ -35,7 +35,7 @@ impl Patches {
         Self(patches.collect())
     }
 
-    /// What a pixel of a rung shows behind the patches.
+    /// The radiance of a pixel of a rung with the patches in front of it.
     pub(super) fn over(&self, rung: usize, at: usize, mut pixel: [f32; 3]) -> [f32; 3] {
         for patch in &self.0 {
             let hit = patch.hits[rung][at];

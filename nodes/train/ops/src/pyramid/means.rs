@@ -24,8 +24,8 @@ pub struct WeightedMean {
     pub pyramid: Arc<Pyramid>,
     /// Added to the number of the pixel itself.
     pub own: f32,
-    /// Of a part of one image, whose rows follow each other: the first one, which is even. 0 for whole images.
-    /// Gradients are those of whole images.
+    /// The first row of the image that numbers are given for, an even number. Numbers of some rows are allowed for one
+    /// image, and without gradients; otherwise this is 0.
     pub first: usize,
 }
 
