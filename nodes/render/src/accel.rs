@@ -11,6 +11,7 @@
 
 mod batch;
 mod best;
+mod block;
 mod build;
 mod interleave;
 mod leaves;
@@ -18,18 +19,20 @@ mod level;
 mod packet;
 mod packet_walk;
 mod placed;
+mod plan;
 mod set;
 mod sweep;
 mod traverse;
 
 pub use batch::RayBatch;
 pub(crate) use best::Stack;
+use block::{Block, Blocks};
 pub(crate) use build::{Forms, PlacedMesh, SharedMesh};
 pub(crate) use packet::Packet;
 pub(crate) use set::{Set, Sweep};
 
 use crate::{
-    geometry::{Disk, Eight, Sphere},
+    geometry::{Disk, Sphere},
     lanes::Real,
     placement::Placements,
 };
@@ -66,22 +69,12 @@ enum Curved {
     Disk(Disk),
 }
 
-/// Up to eight primitives, side by side, curved ones first. Lanes that are not used hold NaN, which meets nothing.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
-struct Block {
-    /// By vertex and axis; NaN for what is curved.
-    vertices: Eight,
-    /// Primitives; with [`CURVED`], places in [`Accel::curved`]; [`NONE`] in lanes that are not used.
-    primitives: [u32; 8],
-}
-
 /// Eight boxes. Planes are lower x, upper x, lower y, upper y, lower z, upper z; a box that is not used is inverted.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Node {
     planes: [[f32; 8]; 6],
-    /// Index of an inner node; or, with [`LEAF`], of a block; or, with [`PLACED`], of a placed mesh.
+    /// Index of an inner node; or, with [`LEAF`], place of a block; or, with [`PLACED`], index of a placed mesh.
     children: [u32; 8],
 }
 
@@ -124,7 +117,7 @@ struct Root {
 #[derive(Default)]
 pub struct Accel {
     nodes: Vec<Node>,
-    blocks: Vec<Block>,
+    blocks: Blocks,
     /// Forms with their primitives.
     curved: Vec<(u32, Curved)>,
     roots: Vec<Root>,
@@ -157,7 +150,7 @@ impl Accel {
     /// Memory that it takes.
     pub fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Node>()
-            + self.blocks.capacity() * size_of::<Block>()
+            + self.blocks.bytes()
             + self.curved.capacity() * size_of::<(u32, Curved)>()
             + self.roots.capacity() * size_of::<Root>()
             + self.placements.bytes()

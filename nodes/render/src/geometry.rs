@@ -16,8 +16,8 @@ pub use forms::{cube, rectangle};
 pub(crate) use ray::Rays;
 pub use ray::{Ray, Walk, offset_origin};
 pub use sphere::Sphere;
-pub use triangle::{Candidate, Eight, area_normal, intersect_triangle, lane_of};
-pub(crate) use triangle::{intersect_lanes, seen_from};
+pub use triangle::{Candidate, area_normal, intersect_triangle};
+pub(crate) use triangle::{Rows, Triangles, intersect_lanes, seen_from};
 
 use crate::lanes::{Real, Triple};
 use glam::Vec3;

@@ -53,7 +53,7 @@ pub trait Integer: Copy + Add<Output = Self> + Mul<Output = Self> {
 }
 
 /// Sixteen numbers of one thing, in one line of the cache: what many lanes read of as many things at once.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
 pub struct Record(pub [f32; 16]);
 

@@ -16,6 +16,7 @@ pub mod ladder_rendering;
 mod lanes;
 pub mod lights;
 mod outlines;
+mod pages;
 pub mod picture_statistics;
 mod placement;
 pub mod quality_gate;

@@ -4,7 +4,10 @@
 //! The vertices of a mesh that is placed once are in the world, and turned as its shape says. Those of a mesh that
 //! several shapes share are in its own space: [`crate::placement`] brings what is read of them into the world.
 
-use crate::lanes::{Mask, Pair, Real, Record, Triple};
+use crate::{
+    lanes::{Mask, Pair, Real, Record, Triple},
+    pages::settled,
+};
 use glam::{Vec2, Vec3};
 
 /// The light of shapes that do not emit.
@@ -53,8 +56,8 @@ impl Halves {
     }
 
     /// Lets go of room that is not used.
-    pub(crate) fn shrink(&mut self) {
-        self.records.shrink_to_fit();
+    pub(crate) fn settle(&mut self) {
+        self.records = settled(std::mem::take(&mut self.records));
     }
 
     pub(crate) fn bytes(&self) -> usize {
@@ -123,9 +126,9 @@ impl Table {
     }
 
     /// Lets go of room that is not used.
-    pub(crate) fn shrink(&mut self) {
-        self.vertices.shrink();
-        self.triangles.shrink();
+    pub(crate) fn settle(&mut self) {
+        self.vertices.settle();
+        self.triangles.settle();
     }
 
     pub(crate) fn bytes(&self) -> usize {

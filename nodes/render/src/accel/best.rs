@@ -58,6 +58,16 @@ pub(super) struct Cursor {
     pub(super) height: usize,
 }
 
+/// How far a ray is that anything stops.
+pub(super) enum Progress {
+    /// Something is left to be visited.
+    Left,
+    /// It was stopped.
+    Stopped,
+    /// Nothing stops it.
+    Passed,
+}
+
 /// The best hit so far.
 pub(super) struct Best {
     pub(super) t: f32,

@@ -4,16 +4,20 @@
 //! they are needed, and obvhs's tree is collapsed as it lies.
 
 use super::{
-    Accel, Block, CURVED, Curved, LARGE_TREE, LEAF, LEAF_SIZE, NONE, Node, PLACED, Primitive, Root, TREE_STACK, WIDE,
+    Accel, CURVED, Curved, LARGE_TREE, LEAF, LEAF_SIZE, Node, PLACED, Primitive, Root, TREE_STACK, WIDE, plan::Plan,
 };
-use crate::placement::Placement;
+use crate::{pages::settled, placement::Placement};
 use glam::Vec3;
 use obvhs::{Boundable, BvhBuildParams, aabb::Aabb, bvh2::Bvh2, bvh2::builder::build_bvh2};
-use std::{mem, time::Duration};
+use std::time::Duration;
 use tauflow_data::rng::mix;
 
 /// Leaves of a larger share of the scene's surface are worth splitting, being met by many rays.
 const LARGE: f32 = 0.05;
+
+/// Trees of more boxes are larger than the caches, and have small blocks. In smaller trees, large ones are faster, as no
+/// row of them is in two lines of the cache.
+const MANY: usize = 1 << 16;
 
 type Bounds = (Vec3, Vec3);
 
@@ -68,7 +72,7 @@ pub(crate) struct PlacedMesh {
 enum Part {
     /// An inner node of obvhs's tree.
     Node(u32),
-    Inner(Bounds, Box<[Part; 2]>),
+    Inner(Bounds, Box<([Part; 2], Plan)>),
     Leaf(Bounds, Vec<u32>),
     /// A placed mesh.
     Placed(Bounds, u32),
@@ -92,6 +96,8 @@ struct Source<'a> {
     form: &'a dyn Fn(u32) -> Primitive,
     /// Area from which leaves are worth splitting.
     least: f32,
+    /// Of the nodes of obvhs's tree.
+    plans: Vec<Plan>,
 }
 
 impl Primitive {
@@ -148,11 +154,11 @@ impl Accel {
             accel.placements.push(&one.placement);
             accel.roots.push(Root { node: trees[one.mesh], first: one.first, unit: one.placement.unit() });
         }
-        accel.nodes.shrink_to_fit();
-        accel.blocks.shrink_to_fit();
+        accel.nodes = settled(std::mem::take(&mut accel.nodes));
+        accel.blocks.finish();
         accel.curved.shrink_to_fit();
         accel.roots.shrink_to_fit();
-        accel.is_large = size_of_val(&accel.nodes[..]) + size_of_val(&accel.blocks[..]) > LARGE_TREE;
+        accel.is_large = size_of_val(&accel.nodes[..]) + accel.blocks.bytes() > LARGE_TREE;
         accel
     }
 
@@ -169,7 +175,9 @@ impl Accel {
             }
         };
         let all = boxes.iter().map(|b| b.0).reduce(union).unwrap_or_default();
-        let source = Source { boxes, groups, bvh, placed, form, least: LARGE * half_area(all) };
+        let least = LARGE * half_area(all);
+        let mut source = Source { boxes, groups, bvh, placed, form, least, plans: Vec::new() };
+        source.plan();
         let before = (self.nodes.len(), self.blocks.len(), self.curved.len());
         let mut depth = self.collapse(source.part(0), &source);
         if depth * (WIDE - 1) + 1 > TREE_STACK {
@@ -184,65 +192,36 @@ impl Accel {
         before.0 as u32
     }
 
-    /// Adds a leaf's block; returns its index.
+    /// Adds a leaf's block; returns its place.
     fn push_block(&mut self, leaf: &[u32], source: &Source<'_>) -> u32 {
-        let index = self.blocks.len() as u32;
-        let mut block = Block { vertices: [[[f32::NAN; 8]; 3]; 3], primitives: [NONE; 8] };
-        let mut lane = 0;
+        let (mut primitives, mut vertices) = (Vec::with_capacity(leaf.len()), Vec::with_capacity(leaf.len()));
         let mut triangles = Vec::with_capacity(leaf.len());
         for primitive in leaf {
             let curved = match (source.form)(*primitive) {
-                Primitive::Triangle(vertices) => {
-                    triangles.push((*primitive, vertices));
+                Primitive::Triangle(own) => {
+                    triangles.push((*primitive, own.map(|vertex| vertex.to_array())));
                     continue;
                 }
                 Primitive::Sphere(s) => Curved::Sphere { center: s.center, radius: s.radius },
                 Primitive::Disk(d) => Curved::Disk(d),
             };
-            block.primitives[lane] = CURVED | self.curved.len() as u32;
+            primitives.push(CURVED | self.curved.len() as u32);
+            vertices.push([[f32::NAN; 3]; 3]);
             self.curved.push((*primitive, curved));
-            lane += 1;
         }
-        for (primitive, vertices) in triangles {
-            block.primitives[lane] = primitive;
-            for (axes, vertex) in block.vertices.iter_mut().zip(vertices) {
-                for axis in 0..3 {
-                    axes[axis][lane] = vertex[axis];
-                }
-            }
-            lane += 1;
+        for (primitive, own) in triangles {
+            primitives.push(primitive);
+            vertices.push(own);
         }
-        self.blocks.push(block);
-        index
+        self.blocks.push(&primitives, &vertices, source.boxes.len() > MANY)
     }
 
     /// Writes the tree as nodes of eight; returns the depth.
     fn collapse(&mut self, tree: Part, source: &Source<'_>) -> usize {
         let index = self.nodes.len();
         self.nodes.push(Node { planes: [[0.0; WIDE]; 6], children: [LEAF; WIDE] });
-        let mut parts: Vec<Part> = vec![tree];
-        // Opens the inner part of the largest area until there are eight.
-        while parts.len() < WIDE {
-            let largest = parts
-                .iter()
-                .enumerate()
-                .filter(|(_, part)| matches!(part, Part::Inner(..) | Part::Node(_)))
-                .max_by(|a, b| half_area(source.bounds(a.1)).total_cmp(&half_area(source.bounds(b.1))));
-            let Some((at, _)) = largest else { break };
-            let [a, b] = match mem::replace(&mut parts[at], Part::Node(0)) {
-                Part::Inner(_, pair) => *pair,
-                Part::Node(node) => {
-                    let first = source.bvh.nodes[node as usize].first_index;
-                    [source.part(first), source.part(first + 1)]
-                }
-                leaf => {
-                    parts[at] = leaf;
-                    break;
-                }
-            };
-            parts[at] = a;
-            parts.push(b);
-        }
+        let mut parts = Vec::with_capacity(WIDE);
+        source.open(tree, WIDE, &mut parts);
         let mut node = Node { planes: [[0.0; WIDE]; 6], children: [LEAF; WIDE] };
         let mut depth = 0;
         let mut parts = parts.into_iter();
@@ -341,7 +320,71 @@ impl Source<'_> {
     }
 
     fn pair(&self, a: Part, b: Part) -> Part {
-        Part::Inner(union(self.bounds(&a), self.bounds(&b)), Box::new([a, b]))
+        let bounds = union(self.bounds(&a), self.bounds(&b));
+        let plan = Plan::new(half_area(bounds), self.plan_of(&a), self.plan_of(&b));
+        Part::Inner(bounds, Box::new(([a, b], plan)))
+    }
+
+    fn plan_of<'b>(&'b self, part: &'b Part) -> &'b Plan {
+        match part {
+            Part::Node(at) => &self.plans[*at as usize],
+            Part::Inner(_, inner) => &inner.1,
+            Part::Leaf(..) | Part::Placed(..) => &Plan::LEAF,
+        }
+    }
+
+    /// Plans obvhs's nodes, each after its halves.
+    fn plan(&mut self) {
+        let nodes = &self.bvh.nodes;
+        let mut order: Vec<u32> = Vec::with_capacity(nodes.len());
+        let mut open = vec![0];
+        while let Some(at) = open.pop() {
+            order.push(at);
+            let node = &nodes[at as usize];
+            if !node.is_leaf() {
+                open.extend([node.first_index, node.first_index + 1]);
+            }
+        }
+        let mut plans = vec![Plan::LEAF; nodes.len()];
+        for at in order.into_iter().rev() {
+            let (node, part) = (&nodes[at as usize], Part::Node(at));
+            plans[at as usize] = if !node.is_leaf() {
+                let first = node.first_index as usize;
+                Plan::new(half_area(self.bounds(&part)), &plans[first], &plans[first + 1])
+            } else if self.is_plain() && node.prim_count <= LEAF_SIZE && half_area(self.bounds(&part)) < self.least {
+                Plan::LEAF
+            } else {
+                *self.plan_of(&self.part(at))
+            };
+        }
+        self.plans = plans;
+    }
+
+    /// Whether all boxes are different, and of primitives of the world.
+    fn is_plain(&self) -> bool {
+        self.groups.is_none() && self.placed as usize == self.boxes.len()
+    }
+
+    /// The children that represent a part in a wide node, of which there are at most so many; all of them for the part
+    /// that is the node itself.
+    fn open(&self, part: Part, children: usize, into: &mut Vec<Part>) {
+        let Some((first, second)) = self.plan_of(&part).first_of(children) else {
+            into.push(part);
+            return;
+        };
+        let [a, b] = match part {
+            Part::Inner(_, inner) => inner.0,
+            Part::Node(at) => {
+                let first = self.bvh.nodes[at as usize].first_index;
+                [self.part(first), self.part(first + 1)]
+            }
+            leaf => {
+                into.push(leaf);
+                return;
+            }
+        };
+        self.open(a, first, into);
+        self.open(b, second, into);
     }
 
     /// A leaf of primitives, or of one placed mesh.

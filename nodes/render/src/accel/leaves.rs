@@ -46,7 +46,7 @@ impl Accel {
     #[inline(always)]
     pub(super) fn sweep_block<R: Real, const ANY: bool>(
         &self,
-        block: &Block,
+        block: &Block<'_>,
         list: &[u32],
         len: usize,
         axes: [usize; 3],
@@ -54,6 +54,7 @@ impl Accel {
         memory: &mut Sweep,
     ) {
         let [kx, ky, kz] = axes;
+        let all = block.triangles;
         for k in (0..len).step_by(R::N) {
             let list = &list[k..];
             let at = R::Integer::load(list);
@@ -67,7 +68,8 @@ impl Accel {
             }
             let none = R::Mask::from_bits(0);
             let mut best = Bests { t, u: R::zero(), v: R::zero(), primitive: R::Integer::splat(-1), better: none };
-            for (lane, primitive) in block.primitives.into_iter().enumerate() {
+            for lane in 0..block.width() {
+                let primitive = block.primitive(lane);
                 if primitive == NONE {
                     break;
                 }
@@ -76,12 +78,8 @@ impl Accel {
                 }
                 macro_rules! vertex {
                     ($v:expr) => {{
-                        let at = &block.vertices[$v];
-                        Triple::new(
-                            R::splat(at[kx][lane]) - ox,
-                            R::splat(at[ky][lane]) - oy,
-                            R::splat(at[kz][lane]) - oz,
-                        )
+                        let (x, y, z) = (all.row($v, kx, lane)[0], all.row($v, ky, lane)[0], all.row($v, kz, lane)[0]);
+                        Triple::new(R::splat(x) - ox, R::splat(y) - oy, R::splat(z) - oz)
                     }};
                 }
                 let found = intersect_lanes([vertex!(0), vertex!(1), vertex!(2)], [sx, sy, sz], best.t);
@@ -129,7 +127,7 @@ impl Accel {
     #[expect(clippy::too_many_arguments, reason = "what a leaf's loop has at hand")]
     fn sweep_unsure<R: Real, const ANY: bool>(
         &self,
-        block: &Block,
+        block: &Block<'_>,
         lane: usize,
         list: &[u32],
         mut unsure: u32,
@@ -167,7 +165,7 @@ impl Accel {
     #[inline(always)]
     fn sweep_curved<R: Real, const ANY: bool>(
         &self,
-        block: &Block,
+        block: &Block<'_>,
         at: R::Integer,
         mask: R::Mask,
         set: &Set<'_>,
@@ -178,11 +176,10 @@ impl Accel {
             R::gather(set.origin[axis], at).store(&mut rays.origin[axis]);
             R::gather(set.direction[axis], at).store(&mut rays.direction[axis]);
         }
-        for place in block.primitives {
-            if place == NONE || place & CURVED == 0 {
-                break;
-            }
-            let (primitive, curved) = &self.curved[(place & !CURVED) as usize];
+        let mut lane = 0;
+        while let Some(place) = block.curved(lane) {
+            lane += 1;
+            let (primitive, curved) = &self.curved[place];
             let mut ends = [0.0; SPARE];
             best.t.store(&mut ends);
             let (found, met) = curved.intersect_all(&rays, &ends);

@@ -7,7 +7,7 @@ use super::{
     packet::{Packet, PacketHits, axis},
 };
 use crate::{
-    geometry::{gamma, intersect_lanes, intersect_triangle, lane_of},
+    geometry::{gamma, intersect_lanes, intersect_triangle},
     lanes::{Integer, Mask, Real, Triple},
 };
 
@@ -48,7 +48,7 @@ impl Accel {
                 continue;
             }
             if current & LEAF != 0 {
-                self.meet_packet(&self.blocks[(current & !LEAF) as usize], rays, mask, best);
+                self.meet_packet(&self.blocks.at(current & !LEAF), rays, mask, best);
                 continue;
             }
             let node = &self.nodes[current as usize];
@@ -86,11 +86,12 @@ impl Accel {
     }
 
     #[inline(always)]
-    fn meet_packet<R: Real>(&self, block: &Block, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
+    fn meet_packet<R: Real>(&self, block: &Block<'_>, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
         let [kx, ky, kz] = rays.axes;
+        let all = block.triangles;
         let (ox, oy, oz) = (axis(&rays.origin, kx), axis(&rays.origin, ky), axis(&rays.origin, kz));
-        for lane in 0..8 {
-            let primitive = block.primitives[lane];
+        for lane in 0..block.width() {
+            let primitive = block.primitive(lane);
             if primitive == NONE {
                 break;
             }
@@ -99,8 +100,8 @@ impl Accel {
             }
             macro_rules! vertex {
                 ($v:expr) => {{
-                    let at = &block.vertices[$v];
-                    Triple::new(R::splat(at[kx][lane]) - ox, R::splat(at[ky][lane]) - oy, R::splat(at[kz][lane]) - oz)
+                    let (x, y, z) = (all.row($v, kx, lane)[0], all.row($v, ky, lane)[0], all.row($v, kz, lane)[0]);
+                    Triple::new(R::splat(x) - ox, R::splat(y) - oy, R::splat(z) - oz)
                 }};
             }
             let found = intersect_lanes([vertex!(0), vertex!(1), vertex!(2)], rays.shear, best.t);
@@ -109,7 +110,7 @@ impl Accel {
             while unsure != 0 {
                 let ray = unsure.trailing_zeros() as usize;
                 unsure &= unsure - 1;
-                if let Some(hit) = intersect_triangle(&rays.walk(ray), &lane_of(&block.vertices, lane), f32::MAX) {
+                if let Some(hit) = intersect_triangle(&rays.walk(ray), &block.triangles.lane(lane), f32::MAX) {
                     let own = R::Mask::from_bits(1 << ray);
                     let [t, u, v] = [hit.t, hit.u, hit.v].map(R::splat);
                     best.improve(t, u, v, R::Integer::splat(primitive as i32), own & t.le(best.t));
@@ -122,13 +123,18 @@ impl Accel {
     }
 
     #[inline(always)]
-    fn meet_packet_curved<R: Real>(&self, block: &Block, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
+    fn meet_packet_curved<R: Real>(
+        &self,
+        block: &Block<'_>,
+        rays: &Packet<R>,
+        mask: R::Mask,
+        best: &mut PacketHits<R>,
+    ) {
         let own = rays.rows();
-        for place in block.primitives {
-            if place == NONE || place & CURVED == 0 {
-                break;
-            }
-            let (primitive, curved) = &self.curved[(place & !CURVED) as usize];
+        let mut lane = 0;
+        while let Some(place) = block.curved(lane) {
+            lane += 1;
+            let (primitive, curved) = &self.curved[place];
             let mut ends = [0.0; SPARE];
             best.t.store(&mut ends);
             let ([t, u, v], met) = curved.intersect_all(&own, &ends);

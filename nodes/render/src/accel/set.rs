@@ -29,6 +29,8 @@ pub(crate) struct Sweep {
     pub(super) visits: Vec<Visit>,
     pub(super) stack: Vec<(u32, f32)>,
     pub(super) flights: Vec<Flight>,
+    /// Nodes and rays that are to visit them.
+    pub(super) pending: Vec<(u32, u32)>,
     /// Of placed meshes.
     pub(super) below: Option<Box<Below>>,
 }

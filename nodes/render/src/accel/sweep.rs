@@ -6,7 +6,7 @@
 
 use super::{
     Accel, LEAF, PLACED, SPARE, STACK, WIDE,
-    best::Best,
+    best::{Best, Progress},
     interleave::{Flight, TURNS},
     level::{Level, WorldTree},
     set::{END, Set, Sweep, Visit},
@@ -18,9 +18,13 @@ use crate::{
 
 /// Lists of no more are followed ray by ray.
 const FEW: usize = 4;
-/// Lists of no more are followed by turns, where the tree is large and nearest hits are looked for. Rays that are to be
-/// stopped by anything meet the same nodes first, and gain more from each other.
+/// Lists of no more are followed by turns, where the tree is large and nearest hits are looked for.
 const FEW_BY_TURNS: usize = 64;
+/// Lists of no more wait to be followed by turns, where the tree is large and anything stops a ray: then a ray may visit
+/// nodes in any order.
+const FEW_TO_ANY: usize = 16;
+/// So many that wait are followed.
+const MANY_WAIT: usize = 1024;
 
 /// Octants times longest axes.
 const GROUPS: usize = 24;
@@ -105,12 +109,25 @@ impl Accel {
         let mut visits = std::mem::take(&mut memory.visits);
         visits.clear();
         visits.push(root);
-        let by_turns = self.is_large && !ANY;
-        let few = if by_turns { FEW_BY_TURNS } else { FEW };
+        let by_turns = self.is_large;
+        let few = if !by_turns {
+            FEW
+        } else if ANY {
+            FEW_TO_ANY
+        } else {
+            FEW_BY_TURNS
+        };
         while let Some(visit) = visits.pop() {
             if visit.len <= few {
                 let list = &lists[visit.start..visit.start + visit.len];
-                if by_turns && visit.len > 1 {
+                if by_turns && ANY {
+                    for at in list {
+                        memory.pending.push((visit.node, *at));
+                    }
+                    if memory.pending.len() >= MANY_WAIT {
+                        self.pass_by_turns::<T, L>(&common, set, memory);
+                    }
+                } else if by_turns && visit.len > 1 {
                     self.follow_by_turns::<T, L>(visit.node, list, &common, set, memory);
                 } else {
                     for at in list {
@@ -123,9 +140,12 @@ impl Accel {
                 let list = &lists[visit.start..visit.start + visit.len];
                 L::sweep::<R, T, ANY>(self, visit.node & !PLACED, list, set, memory);
             } else {
-                let block = &self.blocks[(visit.node & !LEAF) as usize];
-                self.sweep_block::<R, ANY>(block, &lists[visit.start..], visit.len, common.axes, set, memory);
+                let block = self.blocks.at(visit.node & !LEAF);
+                self.sweep_block::<R, ANY>(&block, &lists[visit.start..], visit.len, common.axes, set, memory);
             }
+        }
+        if by_turns && ANY {
+            self.pass_by_turns::<T, L>(&common, set, memory);
         }
         memory.visits = visits;
     }
@@ -205,17 +225,66 @@ impl Accel {
         memory.flights = flights;
     }
 
+    /// The rays that wait, which anything stops, by turns.
+    #[inline(always)]
+    fn pass_by_turns<T: Real, L: Level>(&self, common: &Common, set: &Set<'_>, memory: &mut Sweep) {
+        let mut flights = std::mem::take(&mut memory.flights);
+        if flights.len() < TURNS {
+            flights.resize_with(TURNS, Flight::default);
+        }
+        let mut pending = std::mem::take(&mut memory.pending);
+        let mut order: [usize; TURNS] = std::array::from_fn(|k| k);
+        let mut live = 0;
+        loop {
+            while live < TURNS {
+                let Some((node, at)) = pending.pop() else { break };
+                let at = at as usize;
+                let t = memory.rays[at].0[END];
+                if t < 0.0 {
+                    continue;
+                }
+                let walk = memory.walk(at, set, common.axes);
+                flights[order[live]].begin(node, at, walk, Best::none(t));
+                live += 1;
+            }
+            if live == 0 {
+                break;
+            }
+            let mut turn = 0;
+            while turn < live {
+                let Flight { walk, slabs, best, spot, stack, at } = &mut flights[order[turn]];
+                match self.step_to_any::<T, L>(spot, slabs, walk, best.t, stack) {
+                    Progress::Left => {
+                        self.ask_for(spot.node);
+                        turn += 1;
+                        continue;
+                    }
+                    Progress::Stopped => memory.end(*at, -1.0),
+                    Progress::Passed => {}
+                }
+                live -= 1;
+                order.swap(turn, live);
+            }
+        }
+        (memory.flights, memory.pending) = (flights, pending);
+    }
+
+    /// Asks the memory for what is visited next.
+    #[inline(always)]
+    fn ask_for(&self, next: u32) {
+        if next & LEAF == 0 {
+            ask_for(&self.nodes, next as usize);
+        } else if next & PLACED != PLACED {
+            self.blocks.ask_for(next & !LEAF);
+        }
+    }
+
     /// One step of a ray, which then asks for what it needs next. True if nothing is left for it.
     #[inline(always)]
     pub(super) fn take_turn<R: Real, L: Level>(&self, flight: &mut Flight) -> bool {
         let Flight { walk, slabs, best, spot, stack, .. } = flight;
         let done = self.step::<R, L>(spot, slabs, walk, best, stack);
-        let next = spot.node;
-        if next & LEAF == 0 {
-            ask_for(&self.nodes, next as usize);
-        } else if next & PLACED != PLACED {
-            ask_for(&self.blocks, (next & !LEAF) as usize);
-        }
+        self.ask_for(spot.node);
         done
     }
 

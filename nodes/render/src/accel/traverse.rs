@@ -1,12 +1,12 @@
 //! Traversal by one ray: nearest hit and any hit.
 
 use super::{
-    Accel, Block, CURVED, Hit, LEAF, NONE, PLACED, STACK, WIDE,
-    best::{Best, Cursor, Slabs, Stack},
+    Accel, Block, Hit, LEAF, LEAF_SIZE, PLACED, STACK,
+    best::{Best, Cursor, Progress, Slabs, Stack},
     level::{Level, WorldTree},
 };
 use crate::{
-    geometry::{Ray, Rays, Walk, intersect_lanes, intersect_triangle, lane_of, seen_from},
+    geometry::{Ray, Rays, Walk, intersect_lanes, intersect_triangle, seen_from},
     lanes::{Mask, Real},
 };
 use glam::Vec3;
@@ -15,41 +15,40 @@ impl Accel {
     /// Takes the hits of a block into account: the best is kept.
     #[inline(always)]
     fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
-        let block = &self.blocks[index as usize];
+        let block = self.blocks.at(index);
         let mut at = 0;
-        while at < WIDE {
-            let found = intersect_lanes(seen_from(walk, &block.vertices, at), shear, R::splat(best.t));
-            let mut met = found.met.bits();
+        while at < block.width() {
+            let found = intersect_lanes(seen_from(walk, &block.triangles, at), shear, R::splat(best.t));
+            let mut met = found.met.bits() & block.lanes();
             if met != 0 {
-                let [mut t, mut u, mut v] = [[0.0; WIDE]; 3];
+                let [mut t, mut u, mut v] = [[0.0; LEAF_SIZE as usize]; 3];
                 found.t.store(&mut t);
                 found.u.store(&mut u);
                 found.v.store(&mut v);
                 while met != 0 {
-                    let lane = met.trailing_zeros() as usize % WIDE;
+                    let lane = met.trailing_zeros() as usize & 7;
                     met &= met - 1;
-                    best.take(t[lane], u[lane], v[lane], block.primitives[(at + lane) % WIDE]);
+                    best.take(t[lane], u[lane], v[lane], block.primitive(at + lane));
                 }
             }
-            let unsure = found.edges.bits();
+            let unsure = found.edges.bits() & block.lanes();
             if unsure != 0 {
                 block.decide(walk, unsure << at, best);
             }
             at += R::N;
         }
         if block.has_curved() {
-            self.improve_curved(block, walk.origin, walk.direction, best);
+            self.improve_curved(&block, walk.origin, walk.direction, best);
         }
     }
 
     /// Hits with what is curved in a block.
-    fn improve_curved(&self, block: &Block, origin: Vec3, direction: Vec3, best: &mut Best) {
+    fn improve_curved(&self, block: &Block<'_>, origin: Vec3, direction: Vec3, best: &mut Best) {
         let ray = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
-        for place in block.primitives {
-            if place == NONE || place & CURVED == 0 {
-                break;
-            }
-            let (primitive, curved) = &self.curved[(place & !CURVED) as usize];
+        let mut lane = 0;
+        while let Some(place) = block.curved(lane) {
+            lane += 1;
+            let (primitive, curved) = &self.curved[place];
             let ([t, u, v], met) = curved.intersect_all(&ray, &[best.t]);
             if met[0] {
                 best.take(t[0], u[0], v[0], *primitive);
@@ -152,42 +151,64 @@ impl Accel {
         stack: &mut [(u32, f32)],
     ) -> bool {
         let slabs = Slabs::new(walk);
-        let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-        stack[0].0 = node;
-        let mut height = 1;
-        while height > 0 {
-            height -= 1;
-            let current = stack[height].0;
-            if current & LEAF == 0 {
-                let node = &self.nodes[current as usize];
-                let (_, mut met) = slabs.enter::<R>(node, t_max);
-                while met != 0 {
-                    let lane = met.trailing_zeros() as usize & 7;
-                    met &= met - 1;
-                    stack[height].0 = node.children[lane];
-                    height += 1;
-                }
-            } else if L::HAS_PLACED && current & PLACED == PLACED {
-                if L::occluded::<R>(self, current & !PLACED, walk, t_max, &mut stack[height..]) {
-                    return true;
-                }
-            } else if self.stops::<R>(&self.blocks[(current & !LEAF) as usize], walk, shear, t_max) {
-                return true;
+        let mut spot = Cursor { node, height: 0 };
+        loop {
+            match self.step_to_any::<R, L>(&mut spot, &slabs, walk, t_max, stack) {
+                Progress::Left => {}
+                Progress::Stopped => return true,
+                Progress::Passed => return false,
             }
         }
-        false
+    }
+
+    /// One step of a ray that anything stops: a node, a block or a placed mesh.
+    #[inline(always)]
+    pub(super) fn step_to_any<R: Real, L: Level>(
+        &self,
+        spot: &mut Cursor,
+        slabs: &Slabs,
+        walk: &Walk,
+        t_max: f32,
+        stack: &mut [(u32, f32)],
+    ) -> Progress {
+        let current = spot.node;
+        if current & LEAF == 0 {
+            let node = &self.nodes[current as usize];
+            let (_, mut met) = slabs.enter::<R>(node, t_max);
+            while met != 0 {
+                let lane = met.trailing_zeros() as usize & 7;
+                met &= met - 1;
+                stack[spot.height].0 = node.children[lane];
+                spot.height += 1;
+            }
+        } else if L::HAS_PLACED && current & PLACED == PLACED {
+            if L::occluded::<R>(self, current & !PLACED, walk, t_max, &mut stack[spot.height..]) {
+                return Progress::Stopped;
+            }
+        } else {
+            let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
+            if self.stops::<R>(&self.blocks.at(current & !LEAF), walk, shear, t_max) {
+                return Progress::Stopped;
+            }
+        }
+        if spot.height == 0 {
+            return Progress::Passed;
+        }
+        spot.height -= 1;
+        spot.node = stack[spot.height].0;
+        Progress::Left
     }
 
     /// Whether anything in a block is met.
     #[inline(always)]
-    fn stops<R: Real>(&self, block: &Block, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
+    fn stops<R: Real>(&self, block: &Block<'_>, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
         let mut at = 0;
-        while at < WIDE {
-            let found = intersect_lanes(seen_from(walk, &block.vertices, at), shear, R::splat(t_max));
-            if found.met.any() {
+        while at < block.width() {
+            let found = intersect_lanes(seen_from(walk, &block.triangles, at), shear, R::splat(t_max));
+            if found.met.bits() & block.lanes() != 0 {
                 return true;
             }
-            let unsure = found.edges.bits();
+            let unsure = found.edges.bits() & block.lanes();
             if unsure != 0 {
                 let mut best = Best::none(t_max);
                 block.decide(walk, unsure << at, &mut best);
@@ -226,7 +247,7 @@ impl Accel {
     #[cfg(test)]
     fn force(&self, node: u32, walk: &Walk, best: &mut Best) {
         let Some(node) = self.nodes.get(node as usize) else { return };
-        for child in 0..WIDE {
+        for child in 0..super::WIDE {
             if node.planes[0][child] > node.planes[1][child] {
                 break;
             }
@@ -245,21 +266,15 @@ impl Accel {
     }
 }
 
-impl Block {
-    /// Whether anything in it is curved: that comes first.
-    #[inline(always)]
-    pub(super) fn has_curved(&self) -> bool {
-        self.primitives[0] & CURVED != 0
-    }
-
+impl Block<'_> {
     /// Decides lanes whose edge the ray goes through.
     #[cold]
     pub(super) fn decide(&self, walk: &Walk, mut unsure: u32, best: &mut Best) {
         while unsure != 0 {
-            let lane = unsure.trailing_zeros() as usize % WIDE;
+            let lane = unsure.trailing_zeros() as usize;
             unsure &= unsure - 1;
-            if let Some(found) = intersect_triangle(walk, &lane_of(&self.vertices, lane), best.t) {
-                best.take(found.t, found.u, found.v, self.primitives[lane]);
+            if let Some(found) = intersect_triangle(walk, &self.triangles.lane(lane), best.t) {
+                best.take(found.t, found.u, found.v, self.primitive(lane));
             }
         }
     }

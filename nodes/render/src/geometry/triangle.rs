@@ -66,13 +66,34 @@ pub fn intersect_triangle(walk: &Walk, vertices: &[[f32; 4]; 3], t_max: f32) -> 
     Some(Candidate { t, u: v * inverse, v: w * inverse })
 }
 
-/// Eight triangles side by side: `block[vertex][axis]`.
-pub type Eight = [[[f32; 8]; 3]; 3];
+/// Up to eight triangles side by side.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Triangles<'a> {
+    /// A row of each vertex and axis, without room between them, and whatever lanes may read beyond.
+    pub(crate) rows: &'a Rows,
+    /// Length of a row.
+    pub(crate) count: usize,
+}
 
-/// One triangle of eight.
-#[inline]
-pub fn lane_of(block: &Eight, lane: usize) -> [[f32; 4]; 3] {
-    block.map(|axes| [axes[0][lane], axes[1][lane], axes[2][lane], 0.0])
+/// A power of two above what eight triangles take.
+const ROOM: usize = 128;
+/// Room for [`Triangles`], and for lanes that begin with the last of them.
+pub(crate) type Rows = [f32; ROOM + 16];
+
+impl<'a> Triangles<'a> {
+    /// A coordinate of all, from triangle `at` on.
+    #[inline(always)]
+    pub(crate) fn row(&self, vertex: usize, axis: usize, at: usize) -> &'a [f32] {
+        // The remainder is the number itself; with it, no check of the bounds is left.
+        &self.rows[((3 * vertex + axis) * self.count + at) % ROOM..]
+    }
+
+    /// One triangle.
+    #[inline]
+    pub(crate) fn lane(&self, lane: usize) -> [[f32; 4]; 3] {
+        let vertex = |v| [self.row(v, 0, lane)[0], self.row(v, 1, lane)[0], self.row(v, 2, lane)[0], 0.0];
+        [vertex(0), vertex(1), vertex(2)]
+    }
 }
 
 /// Distances, weights, and lanes that meet; and the lanes on an edge, which [`intersect_triangle`] has to decide.
@@ -123,15 +144,15 @@ pub(crate) fn intersect_lanes<R: Real>([a, b, c]: [Triple<R>; 3], [sx, sy, sz]: 
     Met { t, u: v * inverse, v: w * inverse, met, edges }
 }
 
-/// The lanes from `at` on of eight triangles, relative to a ray's origin, their axes in its order.
+/// Triangles from `at` on, relative to a ray's origin, their axes in its order.
 #[inline(always)]
-pub(crate) fn seen_from<R: Real>(walk: &Walk, block: &Eight, at: usize) -> [Triple<R>; 3] {
+pub(crate) fn seen_from<R: Real>(walk: &Walk, of: &Triangles<'_>, at: usize) -> [Triple<R>; 3] {
     let [kx, ky, kz] = walk.axes;
     let [ox, oy, oz] = walk.start;
     macro_rules! vertex {
         ($v:expr) => {{
-            let axes = &block[$v];
-            Triple::new(R::load(&axes[kx][at..]) - ox, R::load(&axes[ky][at..]) - oy, R::load(&axes[kz][at..]) - oz)
+            let (x, y, z) = (of.row($v, kx, at), of.row($v, ky, at), of.row($v, kz, at));
+            Triple::new(R::load(x) - ox, R::load(y) - oy, R::load(z) - oz)
         }};
     }
     [vertex!(0), vertex!(1), vertex!(2)]
@@ -166,11 +187,12 @@ mod tests {
                 let value = stream.range(-2.0, 2.0) as f32;
                 if coarse { value.round() } else { value }
             };
-            let block: Eight = std::array::from_fn(|_| std::array::from_fn(|_| std::array::from_fn(|_| draw())));
+            let rows: Rows = std::array::from_fn(|at| if at < 72 { draw() } else { f32::NAN });
+            let block = Triangles { rows: &rows, count: 8 };
             let ray = Ray::new(Vec3::new(draw(), draw(), draw() - 4.0), Vec3::new(draw() * 0.5, draw() * 0.5, 1.0));
             let walk = Walk::new(&ray);
             let check = |lane: usize, met: bool, edge: bool, hit: [f32; 3]| {
-                let one = intersect_triangle(&walk, &lane_of(&block, lane), 6.0);
+                let one = intersect_triangle(&walk, &block.lane(lane), 6.0);
                 if !edge {
                     let found = met.then_some(Candidate { t: hit[0], u: hit[1], v: hit[2] });
                     assert_eq!(found, one, "lane {lane} of {block:?}, {ray:?}");

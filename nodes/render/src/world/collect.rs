@@ -160,7 +160,7 @@ impl Collected {
             collected.add_shared(&mesh, shapes, &mut numbers);
         }
         check_count(collected.table.len(), numbers)?;
-        collected.table.shrink();
+        collected.table.settle();
         collected.shapes.shrink_to_fit();
         collected.placed_shapes.shrink_to_fit();
         for (index, texture) in emissions.into_iter().enumerate() {

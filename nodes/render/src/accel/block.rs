@@ -1,0 +1,138 @@
+//! Leaves: four or eight primitives each, side by side.
+
+use super::{CURVED, NONE, WIDE};
+use crate::{
+    geometry::{Rows, Triangles},
+    lanes::{Record, ask_for},
+    pages::settled,
+};
+
+/// With the place of a block: it has room for [`FEW`] primitives only. About two thirds of the leaves of large meshes
+/// need no more.
+const NARROW: u32 = 1 << 29;
+/// Primitives of narrow blocks.
+const FEW: usize = 4;
+/// Numbers in a line of the cache.
+const LINE: usize = 16;
+/// Numbers for each primitive: three coordinates of three vertices, and which primitive it is.
+const ROWS: usize = 10;
+/// Turns whole numbers into bits of floating-point numbers that are not tiny: lanes that are not used read them, too,
+/// and calculations with tiny numbers are slow.
+const PLAIN: u32 = 0x4000_0000;
+
+/// Blocks one after another, each from the beginning of a line of the cache. A block has a row of each vertex and axis,
+/// and a row of primitives.
+#[derive(Default)]
+pub(super) struct Blocks {
+    lines: Vec<Record>,
+}
+
+/// Up to eight primitives, curved ones first.
+#[derive(Clone, Copy)]
+pub(super) struct Block<'a> {
+    /// NaN for what is curved, and in lanes that are not used.
+    pub(super) triangles: Triangles<'a>,
+}
+
+impl Blocks {
+    /// Lines so far: the place of the next block.
+    pub(super) fn len(&self) -> usize {
+        self.lines.len()
+    }
+
+    /// Drops blocks from a place on.
+    pub(super) fn truncate(&mut self, len: usize) {
+        self.lines.truncate(len);
+    }
+
+    /// Adds a block of at most eight primitives, curved ones first; a small one where that is asked for and enough.
+    /// Returns its place.
+    pub(super) fn push(&mut self, primitives: &[u32], vertices: &[[[f32; 3]; 3]], small: bool) -> u32 {
+        let (width, narrow) = if small && primitives.len() <= FEW { (FEW, NARROW) } else { (WIDE, 0) };
+        let mut numbers = [f32::NAN; WIDE * ROWS];
+        let (rows, last) = numbers.split_at_mut(9 * width);
+        for (lane, of) in vertices.iter().enumerate() {
+            for (at, coordinate) in of.as_flattened().iter().enumerate() {
+                rows[at * width + lane] = *coordinate;
+            }
+        }
+        for (lane, number) in last[..width].iter_mut().enumerate() {
+            *number = f32::from_bits(primitives.get(lane).unwrap_or(&NONE) ^ PLAIN);
+        }
+        let place = self.lines.len() as u32;
+        debug_assert!(place < NARROW);
+        for part in numbers[..width * ROWS].chunks(LINE) {
+            let mut line = Record::default();
+            line.0[..part.len()].copy_from_slice(part);
+            self.lines.push(line);
+        }
+        place | narrow
+    }
+
+    /// Adds the numbers that may be read beyond the last block, and lets go of room that is not used.
+    pub(super) fn finish(&mut self) {
+        self.lines.extend([Record::default(); size_of::<Rows>() / size_of::<Record>()]);
+        self.lines = settled(std::mem::take(&mut self.lines));
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.lines.capacity() * size_of::<Record>()
+    }
+
+    /// The block at a place.
+    #[inline(always)]
+    pub(super) fn at(&self, place: u32) -> Block<'_> {
+        let numbers: &[f32] = bytemuck::cast_slice(&self.lines);
+        let from = LINE * (place & !NARROW) as usize;
+        let count = if place & NARROW == 0 { WIDE } else { FEW };
+        let rows = numbers.get(from..).and_then(<[f32]>::first_chunk).unwrap_or(&NO_ROWS);
+        Block { triangles: Triangles { rows, count } }
+    }
+
+    /// Asks the memory for the block at a place.
+    #[inline(always)]
+    pub(super) fn ask_for(&self, place: u32) {
+        let (from, lines) = ((place & !NARROW) as usize, if place & NARROW == 0 { 5 } else { 3 });
+        for line in 0..lines {
+            ask_for(&self.lines, from + line);
+        }
+    }
+}
+
+static NO_ROWS: Rows = [f32::NAN; size_of::<Rows>() / size_of::<f32>()];
+
+impl Block<'_> {
+    /// Lanes that it has.
+    #[inline(always)]
+    pub(super) fn width(&self) -> usize {
+        self.triangles.count
+    }
+
+    /// Bits of its lanes, of which those beyond mean nothing.
+    #[inline(always)]
+    pub(super) fn lanes(&self) -> u32 {
+        (1 << self.triangles.count) - 1
+    }
+
+    /// A primitive; with [`CURVED`], a place in [`super::Accel::curved`]; [`NONE`] in lanes that are not used.
+    #[inline(always)]
+    pub(super) fn primitive(&self, lane: usize) -> u32 {
+        self.triangles.row(3, 0, lane)[0].to_bits() ^ PLAIN
+    }
+
+    /// The place in [`super::Accel::curved`] of a primitive that is curved.
+    #[inline(always)]
+    pub(super) fn curved(&self, lane: usize) -> Option<usize> {
+        if lane >= self.width() {
+            return None;
+        }
+        let place = self.primitive(lane);
+        if place != NONE && place & CURVED != 0 { Some((place & !CURVED) as usize) } else { None }
+    }
+
+    /// Whether anything in it is curved: that comes first.
+    #[inline(always)]
+    pub(super) fn has_curved(&self) -> bool {
+        self.primitive(0) & CURVED != 0
+    }
+}
