@@ -4,7 +4,7 @@ use super::{CURVED, NONE, WIDE};
 use crate::{
     geometry::{Rows, Triangles},
     lanes::{Record, ask_for},
-    pages::settled,
+    pages::{moved, settled},
 };
 
 /// With the place of a block: it has room for [`FEW`] primitives only. About two thirds of the leaves of large meshes
@@ -14,6 +14,8 @@ const NARROW: u32 = 1 << 29;
 const FEW: usize = 4;
 /// Numbers in a line of the cache.
 const LINE: usize = 16;
+/// Lines that may be read beyond the last block.
+const END: usize = size_of::<Rows>() / size_of::<Record>();
 /// Numbers for each primitive: three coordinates of three vertices, and which primitive it is.
 const ROWS: usize = 10;
 /// Turns whole numbers into bits of floating-point numbers that are not tiny: lanes that are not used read them, too,
@@ -25,6 +27,8 @@ const PLAIN: u32 = 0x4000_0000;
 #[derive(Default)]
 pub(super) struct Blocks {
     lines: Vec<Record>,
+    /// Those that have curved primitives.
+    with_curved: Vec<u32>,
 }
 
 /// Up to eight primitives, curved ones first.
@@ -35,14 +39,22 @@ pub(super) struct Block<'a> {
 }
 
 impl Blocks {
-    /// Lines so far: the place of the next block.
-    pub(super) fn len(&self) -> usize {
-        self.lines.len()
-    }
-
-    /// Drops blocks from a place on.
-    pub(super) fn truncate(&mut self, len: usize) {
-        self.lines.truncate(len);
+    /// Adds the blocks of a piece, whose curved primitives have places from `curved` on. Returns how much larger their
+    /// places are.
+    pub(super) fn append(&mut self, mut piece: Self, curved: u32) -> u32 {
+        let from = self.lines.len() as u32;
+        for place in &piece.with_curved {
+            let (rows, last) = if place & NARROW == 0 { (9 * WIDE, WIDE) } else { (9 * FEW, FEW) };
+            let numbers: &mut [f32] = bytemuck::cast_slice_mut(&mut piece.lines[(place & !NARROW) as usize..]);
+            for number in &mut numbers[rows..rows + last] {
+                let primitive = number.to_bits() ^ PLAIN;
+                if primitive != NONE && primitive & CURVED != 0 {
+                    *number = f32::from_bits((primitive + curved) ^ PLAIN);
+                }
+            }
+        }
+        self.lines.append(&mut piece.lines);
+        from
     }
 
     /// Adds a block of at most eight primitives, curved ones first; a small one where that is asked for and enough.
@@ -66,13 +78,23 @@ impl Blocks {
             line.0[..part.len()].copy_from_slice(part);
             self.lines.push(line);
         }
+        if primitives.first().is_some_and(|first| first & CURVED != 0) {
+            self.with_curved.push(place | narrow);
+        }
         place | narrow
     }
 
-    /// Adds the numbers that may be read beyond the last block, and lets go of room that is not used.
+    /// Makes room for blocks, so many times as many as there are.
+    pub(super) fn reserve(&mut self, times: f64) {
+        self.lines = moved(&self.lines, (self.lines.len() as f64 * times) as usize + END);
+    }
+
+    /// Adds the numbers that may be read beyond the last block. Lets go of room that is not used, if that is much.
     pub(super) fn finish(&mut self) {
-        self.lines.extend([Record::default(); size_of::<Rows>() / size_of::<Record>()]);
-        self.lines = settled(std::mem::take(&mut self.lines));
+        self.lines.extend([Record::default(); END]);
+        if self.lines.len() + self.lines.len() / 3 < self.lines.capacity() {
+            self.lines = settled(std::mem::take(&mut self.lines));
+        }
     }
 
     pub(super) fn bytes(&self) -> usize {

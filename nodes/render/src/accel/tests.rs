@@ -1,6 +1,6 @@
 //! The hierarchy against brute force, and on geometry made to break it.
 
-use super::{Accel, Forms, Hit, Packet, PlacedMesh, Primitive, RayBatch, STACK, Set, SharedMesh, Sweep};
+use super::{Accel, Forms, Hit, Packet, PlacedMesh, Primitive, RayBatch, STACK, Set, SharedMesh, Sweep, build::PIECE};
 use crate::{
     geometry::{Disk, Map, Ray, Sphere, cube},
     lanes::{Integer, Mask, Real, Triple},
@@ -82,6 +82,44 @@ fn agrees_with_brute_force_on_random_primitives() {
         sweep_and_packets::<crate::lanes::F4>(&accel, &mut draw, 15.0);
         assert!(count < 700 || hits > 300, "{hits} hits of {count}");
     }
+}
+
+#[test]
+fn a_tree_of_pieces_agrees_with_brute_force() {
+    let mut draw = Draw(Stream::new(6, &[]));
+    let mut primitives: Vec<Primitive> = Vec::new();
+    for k in 0..PIECE + 9000 {
+        let a = draw.cube(10.0);
+        let b = a + draw.cube(0.3);
+        primitives.push(Primitive::Triangle([a, b, a + draw.cube(0.3)]));
+        // Two sides of one edge, and many in one place.
+        if k % 100 == 0 {
+            primitives.push(Primitive::Triangle([b, a, b + draw.cube(0.3)]));
+            primitives.push(Primitive::Triangle([Vec3::splat(0.1), Vec3::X, Vec3::Y]));
+        }
+        if k % 1000 == 0 {
+            let center = draw.cube(10.0).as_dvec3().to_array();
+            let sphere = Sphere::new(center, 0.3, &Map::new(&IDENTITY));
+            primitives.push(Primitive::Sphere(sphere.expect("a plain sphere")));
+        }
+    }
+    let mut accel = Accel::new(&primitives, Vec3::ZERO);
+    accel.is_large = true;
+    assert!(check(&accel, &mut draw, 300, 12.0) > 100);
+    batches(&accel, &mut draw, 12.0);
+}
+
+#[test]
+fn pieces_of_one_place_are_divided() {
+    // No plane divides them, and a few are far away.
+    let near = [Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::Y];
+    let mut primitives = vec![Primitive::Triangle(near); 2 * PIECE as usize];
+    primitives.extend((0..5).map(|k| Primitive::Triangle(near.map(|v| v + 50.0 * k as f32))));
+    let accel = Accel::new(&primitives, Vec3::ZERO);
+    let hit = accel.closest(&Ray::new(Vec3::Z, -Vec3::Z));
+    assert!(hit.is_some_and(|hit| hit.t == 1.0 && hit.primitive == 0), "{hit:?}");
+    let far = accel.closest(&Ray::new(Vec3::new(200.0, 200.0, 201.0), -Vec3::Z));
+    assert_eq!(far.map(|hit| hit.primitive), Some(2 * PIECE + 4));
 }
 
 /// Lists of rays find what every primitive tried one by one gives, by whatever instructions.
