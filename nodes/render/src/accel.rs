@@ -28,7 +28,7 @@ mod traverse;
 
 pub use batch::RayBatch;
 pub(crate) use best::Stack;
-use block::{Block, Blocks};
+use block::Blocks;
 pub(crate) use build::{Forms, PlacedMesh, SharedMesh};
 pub(crate) use packet::Packet;
 pub(crate) use set::{Set, Sweep};

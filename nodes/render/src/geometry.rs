@@ -17,7 +17,7 @@ pub(crate) use ray::Rays;
 pub use ray::{Ray, Walk, offset_origin};
 pub use sphere::Sphere;
 pub use triangle::{Candidate, area_normal, intersect_triangle};
-pub(crate) use triangle::{Rows, Triangles, intersect_lanes, seen_from};
+pub(crate) use triangle::{EIGHT, FOUR, Triangles, intersect_lanes, seen_from};
 
 use crate::lanes::{Real, Triple};
 use glam::Vec3;

@@ -2,7 +2,7 @@
 
 use super::{CURVED, NONE, WIDE};
 use crate::{
-    geometry::{Rows, Triangles},
+    geometry::{EIGHT, FOUR, Triangles},
     lanes::{Record, ask_for},
     pages::{moved, settled},
 };
@@ -14,8 +14,6 @@ const NARROW: u32 = 1 << 29;
 const FEW: usize = 4;
 /// Numbers in a line of the cache.
 const LINE: usize = 16;
-/// Lines that may be read beyond the last block.
-const END: usize = size_of::<Rows>() / size_of::<Record>();
 /// Numbers for each primitive: three coordinates of three vertices, and which primitive it is.
 const ROWS: usize = 10;
 /// Turns whole numbers into bits of floating-point numbers that are not tiny: lanes that are not used read them, too,
@@ -31,11 +29,17 @@ pub(super) struct Blocks {
     with_curved: Vec<u32>,
 }
 
-/// Up to eight primitives, curved ones first.
+/// Up to four or eight primitives, curved ones first. Rows of triangles hold NaN for what is curved and in lanes that are
+/// not used.
 #[derive(Clone, Copy)]
-pub(super) struct Block<'a> {
-    /// NaN for what is curved, and in lanes that are not used.
-    pub(super) triangles: Triangles<'a>,
+pub(super) struct Block<'a, const LEN: usize> {
+    pub(super) triangles: Triangles<'a, LEN>,
+}
+
+/// A block of either width.
+pub(super) enum Sized<'a> {
+    Narrow(Block<'a, FOUR>),
+    Wide(Block<'a, EIGHT>),
 }
 
 impl Blocks {
@@ -86,12 +90,11 @@ impl Blocks {
 
     /// Makes room for blocks, so many times as many as there are.
     pub(super) fn reserve(&mut self, times: f64) {
-        self.lines = moved(&self.lines, (self.lines.len() as f64 * times) as usize + END);
+        self.lines = moved(&self.lines, (self.lines.len() as f64 * times) as usize);
     }
 
-    /// Adds the numbers that may be read beyond the last block. Lets go of room that is not used, if that is much.
+    /// Lets go of room that is not used, if that is much.
     pub(super) fn finish(&mut self) {
-        self.lines.extend([Record::default(); END]);
         if self.lines.len() + self.lines.len() / 3 < self.lines.capacity() {
             self.lines = settled(std::mem::take(&mut self.lines));
         }
@@ -103,12 +106,14 @@ impl Blocks {
 
     /// The block at a place.
     #[inline(always)]
-    pub(super) fn at(&self, place: u32) -> Block<'_> {
+    pub(super) fn at(&self, place: u32) -> Sized<'_> {
         let numbers: &[f32] = bytemuck::cast_slice(&self.lines);
-        let from = LINE * (place & !NARROW) as usize;
-        let count = if place & NARROW == 0 { WIDE } else { FEW };
-        let rows = numbers.get(from..).and_then(<[f32]>::first_chunk).unwrap_or(&NO_ROWS);
-        Block { triangles: Triangles { rows, count } }
+        let numbers = numbers.get(LINE * (place & !NARROW) as usize..).unwrap_or_default();
+        if place & NARROW == 0 {
+            Sized::Wide(Block { triangles: Triangles(numbers.first_chunk().unwrap_or(&[f32::NAN; EIGHT])) })
+        } else {
+            Sized::Narrow(Block { triangles: Triangles(numbers.first_chunk().unwrap_or(&[f32::NAN; FOUR])) })
+        }
     }
 
     /// Asks the memory for the block at a place.
@@ -121,20 +126,12 @@ impl Blocks {
     }
 }
 
-static NO_ROWS: Rows = [f32::NAN; size_of::<Rows>() / size_of::<f32>()];
-
-impl Block<'_> {
+impl<const LEN: usize> Block<'_, LEN> {
     /// Lanes that it has.
-    #[inline(always)]
-    pub(super) fn width(&self) -> usize {
-        self.triangles.count
-    }
+    pub(super) const WIDTH: usize = Triangles::<'_, LEN>::COUNT;
 
-    /// Bits of its lanes, of which those beyond mean nothing.
-    #[inline(always)]
-    pub(super) fn lanes(&self) -> u32 {
-        (1 << self.triangles.count) - 1
-    }
+    /// Bits of its lanes; those beyond mean nothing.
+    pub(super) const LANES: u32 = (1 << Self::WIDTH) - 1;
 
     /// A primitive; with [`CURVED`], a place in [`super::Accel::curved`]; [`NONE`] in lanes that are not used.
     #[inline(always)]
@@ -145,7 +142,7 @@ impl Block<'_> {
     /// The place in [`super::Accel::curved`] of a primitive that is curved.
     #[inline(always)]
     pub(super) fn curved(&self, lane: usize) -> Option<usize> {
-        if lane >= self.width() {
+        if lane >= Self::WIDTH {
             return None;
         }
         let place = self.primitive(lane);

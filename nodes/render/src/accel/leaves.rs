@@ -1,8 +1,9 @@
 //! Leaves met by lists of rays, as many rays side by side as there are lanes.
 
 use super::{
-    Accel, Block, CURVED, Curved, NONE, SPARE,
+    Accel, CURVED, Curved, NONE, SPARE,
     best::Best,
+    block::Block,
     set::{Set, Sweep},
 };
 use crate::{
@@ -44,9 +45,9 @@ impl<R: Real> Bests<R> {
 impl Accel {
     /// Meets what is in a leaf with the first rays of a list.
     #[inline(always)]
-    pub(super) fn sweep_block<R: Real, const ANY: bool>(
+    pub(super) fn sweep_block<R: Real, const ANY: bool, const LEN: usize>(
         &self,
-        block: &Block<'_>,
+        block: &Block<'_, LEN>,
         list: &[u32],
         len: usize,
         axes: [usize; 3],
@@ -68,7 +69,7 @@ impl Accel {
             }
             let none = R::Mask::from_bits(0);
             let mut best = Bests { t, u: R::zero(), v: R::zero(), primitive: R::Integer::splat(-1), better: none };
-            for lane in 0..block.width() {
+            for lane in 0..Block::<LEN>::WIDTH {
                 let primitive = block.primitive(lane);
                 if primitive == NONE {
                     break;
@@ -91,11 +92,11 @@ impl Accel {
                 }
                 let unsure = (found.edges & mask).bits();
                 if unsure != 0 {
-                    best = self.sweep_unsure::<R, ANY>(block, lane, list, unsure, axes, set, memory, best);
+                    best = self.sweep_unsure::<R, ANY, LEN>(block, lane, list, unsure, axes, set, memory, best);
                 }
             }
             if block.has_curved() {
-                self.sweep_curved::<R, ANY>(block, at, mask, set, &mut best);
+                self.sweep_curved::<R, ANY, LEN>(block, at, mask, set, &mut best);
             }
             let mut bits = best.better.bits();
             if bits == 0 {
@@ -125,9 +126,9 @@ impl Accel {
     /// Decides a triangle whose edge some rays go through.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "what a leaf's loop has at hand")]
-    fn sweep_unsure<R: Real, const ANY: bool>(
+    fn sweep_unsure<R: Real, const ANY: bool, const LEN: usize>(
         &self,
-        block: &Block<'_>,
+        block: &Block<'_, LEN>,
         lane: usize,
         list: &[u32],
         mut unsure: u32,
@@ -163,9 +164,9 @@ impl Accel {
 
     /// Meets what is curved in a leaf.
     #[inline(always)]
-    fn sweep_curved<R: Real, const ANY: bool>(
+    fn sweep_curved<R: Real, const ANY: bool, const LEN: usize>(
         &self,
-        block: &Block<'_>,
+        block: &Block<'_, LEN>,
         at: R::Integer,
         mask: R::Mask,
         set: &Set<'_>,

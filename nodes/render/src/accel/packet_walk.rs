@@ -1,7 +1,8 @@
 //! Traversal by packets.
 
 use super::{
-    Accel, Block, CURVED, LEAF, NONE, PLACED, Root, SPARE, Stack, WIDE,
+    Accel, CURVED, LEAF, NONE, PLACED, Root, SPARE, Stack, WIDE,
+    block::{Block, Sized},
     leaves::bits,
     level::{Level, WorldTree},
     packet::{Packet, PacketHits, axis},
@@ -48,7 +49,10 @@ impl Accel {
                 continue;
             }
             if current & LEAF != 0 {
-                self.meet_packet(&self.blocks.at(current & !LEAF), rays, mask, best);
+                match self.blocks.at(current & !LEAF) {
+                    Sized::Narrow(block) => self.meet_packet(&block, rays, mask, best),
+                    Sized::Wide(block) => self.meet_packet(&block, rays, mask, best),
+                }
                 continue;
             }
             let node = &self.nodes[current as usize];
@@ -86,11 +90,17 @@ impl Accel {
     }
 
     #[inline(always)]
-    fn meet_packet<R: Real>(&self, block: &Block<'_>, rays: &Packet<R>, mask: R::Mask, best: &mut PacketHits<R>) {
+    fn meet_packet<R: Real, const LEN: usize>(
+        &self,
+        block: &Block<'_, LEN>,
+        rays: &Packet<R>,
+        mask: R::Mask,
+        best: &mut PacketHits<R>,
+    ) {
         let [kx, ky, kz] = rays.axes;
         let all = block.triangles;
         let (ox, oy, oz) = (axis(&rays.origin, kx), axis(&rays.origin, ky), axis(&rays.origin, kz));
-        for lane in 0..block.width() {
+        for lane in 0..Block::<LEN>::WIDTH {
             let primitive = block.primitive(lane);
             if primitive == NONE {
                 break;
@@ -123,9 +133,9 @@ impl Accel {
     }
 
     #[inline(always)]
-    fn meet_packet_curved<R: Real>(
+    fn meet_packet_curved<R: Real, const LEN: usize>(
         &self,
-        block: &Block<'_>,
+        block: &Block<'_, LEN>,
         rays: &Packet<R>,
         mask: R::Mask,
         best: &mut PacketHits<R>,

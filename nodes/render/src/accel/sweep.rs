@@ -7,6 +7,7 @@
 use super::{
     Accel, LEAF, PLACED, SPARE, STACK, WIDE,
     best::{Best, Progress},
+    block::Sized,
     interleave::{Flight, TURNS},
     level::{Level, WorldTree},
     set::{END, Set, Sweep, Visit},
@@ -140,8 +141,11 @@ impl Accel {
                 let list = &lists[visit.start..visit.start + visit.len];
                 L::sweep::<R, T, ANY>(self, visit.node & !PLACED, list, set, memory);
             } else {
-                let block = self.blocks.at(visit.node & !LEAF);
-                self.sweep_block::<R, ANY>(&block, &lists[visit.start..], visit.len, common.axes, set, memory);
+                let (list, len, axes) = (&lists[visit.start..], visit.len, common.axes);
+                match self.blocks.at(visit.node & !LEAF) {
+                    Sized::Narrow(block) => self.sweep_block::<R, ANY, _>(&block, list, len, axes, set, memory),
+                    Sized::Wide(block) => self.sweep_block::<R, ANY, _>(&block, list, len, axes, set, memory),
+                }
             }
         }
         if by_turns && ANY {

@@ -1,8 +1,9 @@
 //! Traversal by one ray: nearest hit and any hit.
 
 use super::{
-    Accel, Block, Hit, LEAF, LEAF_SIZE, PLACED, STACK,
+    Accel, Hit, LEAF, LEAF_SIZE, PLACED, STACK,
     best::{Best, Cursor, Progress, Slabs, Stack},
+    block::{Block, Sized},
     level::{Level, WorldTree},
 };
 use crate::{
@@ -14,12 +15,11 @@ use glam::Vec3;
 impl Accel {
     /// Takes the hits of a block into account: the best is kept.
     #[inline(always)]
-    fn improve<R: Real>(&self, index: u32, walk: &Walk, shear: [R; 3], best: &mut Best) {
-        let block = self.blocks.at(index);
+    fn improve<R: Real, const LEN: usize>(&self, block: &Block<'_, LEN>, walk: &Walk, shear: [R; 3], best: &mut Best) {
         let mut at = 0;
-        while at < block.width() {
-            let found = intersect_lanes(seen_from(walk, &block.triangles, at), shear, R::splat(best.t));
-            let mut met = found.met.bits() & block.lanes();
+        while at < Block::<LEN>::WIDTH {
+            let found = intersect_lanes(seen_from(walk, block.triangles, at), shear, R::splat(best.t));
+            let mut met = found.met.bits() & Block::<LEN>::LANES;
             if met != 0 {
                 let [mut t, mut u, mut v] = [[0.0; LEAF_SIZE as usize]; 3];
                 found.t.store(&mut t);
@@ -31,19 +31,19 @@ impl Accel {
                     best.take(t[lane], u[lane], v[lane], block.primitive(at + lane));
                 }
             }
-            let unsure = found.edges.bits() & block.lanes();
+            let unsure = found.edges.bits() & Block::<LEN>::LANES;
             if unsure != 0 {
                 block.decide(walk, unsure << at, best);
             }
             at += R::N;
         }
         if block.has_curved() {
-            self.improve_curved(&block, walk.origin, walk.direction, best);
+            self.improve_curved(block, walk.origin, walk.direction, best);
         }
     }
 
     /// Hits with what is curved in a block.
-    fn improve_curved(&self, block: &Block<'_>, origin: Vec3, direction: Vec3, best: &mut Best) {
+    fn improve_curved<const LEN: usize>(&self, block: &Block<'_, LEN>, origin: Vec3, direction: Vec3, best: &mut Best) {
         let ray = Rays { origin: origin.to_array().map(|v| [v]), direction: direction.to_array().map(|v| [v]) };
         let mut lane = 0;
         while let Some(place) = block.curved(lane) {
@@ -122,7 +122,10 @@ impl Accel {
             L::closest::<R>(self, current & !PLACED, walk, best, &mut stack[spot.height..]);
         } else {
             let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-            self.improve::<R>(current & !LEAF, walk, shear, best);
+            match self.blocks.at(current & !LEAF) {
+                Sized::Narrow(block) => self.improve::<R, _>(&block, walk, shear, best),
+                Sized::Wide(block) => self.improve::<R, _>(&block, walk, shear, best),
+            }
         }
         while spot.height > 0 {
             spot.height -= 1;
@@ -187,7 +190,11 @@ impl Accel {
             }
         } else {
             let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
-            if self.stops::<R>(&self.blocks.at(current & !LEAF), walk, shear, t_max) {
+            let stopped = match self.blocks.at(current & !LEAF) {
+                Sized::Narrow(block) => self.stops::<R, _>(&block, walk, shear, t_max),
+                Sized::Wide(block) => self.stops::<R, _>(&block, walk, shear, t_max),
+            };
+            if stopped {
                 return Progress::Stopped;
             }
         }
@@ -201,14 +208,14 @@ impl Accel {
 
     /// Whether anything in a block is met.
     #[inline(always)]
-    fn stops<R: Real>(&self, block: &Block<'_>, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
+    fn stops<R: Real, const LEN: usize>(&self, block: &Block<'_, LEN>, walk: &Walk, shear: [R; 3], t_max: f32) -> bool {
         let mut at = 0;
-        while at < block.width() {
-            let found = intersect_lanes(seen_from(walk, &block.triangles, at), shear, R::splat(t_max));
-            if found.met.bits() & block.lanes() != 0 {
+        while at < Block::<LEN>::WIDTH {
+            let found = intersect_lanes(seen_from(walk, block.triangles, at), shear, R::splat(t_max));
+            if found.met.bits() & Block::<LEN>::LANES != 0 {
                 return true;
             }
-            let unsure = found.edges.bits() & block.lanes();
+            let unsure = found.edges.bits() & Block::<LEN>::LANES;
             if unsure != 0 {
                 let mut best = Best::none(t_max);
                 block.decide(walk, unsure << at, &mut best);
@@ -260,13 +267,16 @@ impl Accel {
                 self.force(root.node, &Walk::new(&local), &mut own);
                 own.merge(root, best);
             } else {
-                self.improve::<f32>(which & !LEAF, walk, walk.shear, best);
+                match self.blocks.at(which & !LEAF) {
+                    Sized::Narrow(block) => self.improve::<f32, _>(&block, walk, walk.shear, best),
+                    Sized::Wide(block) => self.improve::<f32, _>(&block, walk, walk.shear, best),
+                }
             }
         }
     }
 }
 
-impl Block<'_> {
+impl<const LEN: usize> Block<'_, LEN> {
     /// Decides lanes whose edge the ray goes through.
     #[cold]
     pub(super) fn decide(&self, walk: &Walk, mut unsure: u32, best: &mut Best) {

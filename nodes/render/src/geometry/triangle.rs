@@ -66,26 +66,25 @@ pub fn intersect_triangle(walk: &Walk, vertices: &[[f32; 4]; 3], t_max: f32) -> 
     Some(Candidate { t, u: v * inverse, v: w * inverse })
 }
 
-/// Up to eight triangles side by side.
+/// Four or eight triangles side by side: a row of each vertex and axis, and a row of something else. Four leave as much
+/// room at the end as eight lanes may read of the last rows.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Triangles<'a> {
-    /// A row of each vertex and axis, without room between them, and whatever lanes may read beyond.
-    pub(crate) rows: &'a Rows,
-    /// Length of a row.
-    pub(crate) count: usize,
-}
+pub(crate) struct Triangles<'a, const LEN: usize>(pub(crate) &'a [f32; LEN]);
 
-/// A power of two above what eight triangles take.
-const ROOM: usize = 128;
-/// Room for [`Triangles`], and for lanes that begin with the last of them.
-pub(crate) type Rows = [f32; ROOM + 16];
+/// Numbers of [`Triangles`], for four triangles.
+pub(crate) const FOUR: usize = 48;
+/// Numbers of [`Triangles`], for eight triangles.
+pub(crate) const EIGHT: usize = 80;
 
-impl<'a> Triangles<'a> {
+impl<'a, const LEN: usize> Triangles<'a, LEN> {
+    /// How many there are.
+    pub(crate) const COUNT: usize = if LEN == FOUR { 4 } else { 8 };
+
     /// A coordinate of all, from triangle `at` on.
     #[inline(always)]
     pub(crate) fn row(&self, vertex: usize, axis: usize, at: usize) -> &'a [f32] {
-        // The remainder is the number itself; with it, no check of the bounds is left.
-        &self.rows[((3 * vertex + axis) * self.count + at) % ROOM..]
+        // The mask tells the compiler that an axis is within the rows.
+        &self.0[(3 * vertex + (axis & 3)) * Self::COUNT + at..]
     }
 
     /// One triangle.
@@ -146,7 +145,7 @@ pub(crate) fn intersect_lanes<R: Real>([a, b, c]: [Triple<R>; 3], [sx, sy, sz]: 
 
 /// Triangles from `at` on, relative to a ray's origin, their axes in its order.
 #[inline(always)]
-pub(crate) fn seen_from<R: Real>(walk: &Walk, of: &Triangles<'_>, at: usize) -> [Triple<R>; 3] {
+pub(crate) fn seen_from<R: Real, const LEN: usize>(walk: &Walk, of: Triangles<'_, LEN>, at: usize) -> [Triple<R>; 3] {
     let [kx, ky, kz] = walk.axes;
     let [ox, oy, oz] = walk.start;
     macro_rules! vertex {
@@ -187,8 +186,8 @@ mod tests {
                 let value = stream.range(-2.0, 2.0) as f32;
                 if coarse { value.round() } else { value }
             };
-            let rows: Rows = std::array::from_fn(|at| if at < 72 { draw() } else { f32::NAN });
-            let block = Triangles { rows: &rows, count: 8 };
+            let rows: [f32; EIGHT] = std::array::from_fn(|_| draw());
+            let block = Triangles(&rows);
             let ray = Ray::new(Vec3::new(draw(), draw(), draw() - 4.0), Vec3::new(draw() * 0.5, draw() * 0.5, 1.0));
             let walk = Walk::new(&ray);
             let check = |lane: usize, met: bool, edge: bool, hit: [f32; 3]| {
@@ -201,13 +200,13 @@ mod tests {
             };
             let shear = walk.shear;
             for lane in 0..8 {
-                let found = intersect_lanes::<f32>(seen_from(&walk, &block, lane), shear, 6.0);
+                let found = intersect_lanes::<f32>(seen_from(&walk, block, lane), shear, 6.0);
                 hits += check(lane, found.met, found.edges, [found.t, found.u, found.v]);
             }
             #[cfg(target_arch = "x86_64")]
             for at in [0, 4] {
                 use crate::lanes::F4;
-                let found = intersect_lanes::<F4>(seen_from(&walk, &block, at), shear.map(F4::splat), F4::splat(6.0));
+                let found = intersect_lanes::<F4>(seen_from(&walk, block, at), shear.map(F4::splat), F4::splat(6.0));
                 let [mut t, mut u, mut v] = [[0.0; 4]; 3];
                 found.t.store(&mut t);
                 found.u.store(&mut u);
