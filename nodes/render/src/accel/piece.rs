@@ -142,7 +142,8 @@ impl Piece {
         let index = self.nodes.len();
         self.nodes.push(Node { planes: [[0.0; WIDE]; 6], children: [LEAF; WIDE] });
         let mut parts = Vec::with_capacity(WIDE);
-        source.open(tree, WIDE, &mut parts);
+        let children = source.plan_of(&tree).children();
+        source.open(tree, children, &mut parts);
         let mut node = Node { planes: [[0.0; WIDE]; 6], children: [LEAF; WIDE] };
         let mut depth = 0;
         let mut parts = parts.into_iter();
