@@ -29,8 +29,8 @@ pub(super) struct Blocks {
     with_curved: Vec<u32>,
 }
 
-/// Up to four or eight primitives, curved ones first. Rows of triangles hold NaN for what is curved and in lanes that are
-/// not used.
+/// Up to four or eight primitives, curved ones first. Rows of triangles hold NaN for what is curved, and in lanes that
+/// are not used.
 #[derive(Clone, Copy)]
 pub(super) struct Block<'a, const LEN: usize> {
     pub(super) triangles: Triangles<'a, LEN>,

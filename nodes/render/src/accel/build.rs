@@ -16,12 +16,12 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Most boxes of a piece.
-pub(super) const PIECE: u32 = 1 << 17;
-/// Trees of more boxes are larger than the caches, and have small blocks. In smaller trees, large ones are faster, as no
-/// row of them is in two lines of the cache.
+pub(super) const PIECE: u32 = 1 << 16;
+/// Trees of more boxes are larger than the caches, and have small blocks. In smaller trees, large ones are faster, as
+/// none of their rows is in two lines of the cache.
 const MANY: u32 = 1 << 16;
-/// Most nodes above each other: 17 of the top of 2^24 primitives, as each side of a division has a quarter of them, and
-/// 17 of a piece that is cut in halves.
+/// Most nodes above each other: 20 of the top of 2^24 primitives, as each side of a division has a quarter of them, and
+/// 13 of a piece that is cut in halves.
 const DEEPEST: usize = (TREE_STACK - 1) / (WIDE - 1);
 
 pub(super) type Bounds = (Vec3, Vec3);

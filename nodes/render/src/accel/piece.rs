@@ -1,5 +1,5 @@
-//! A tree over some primitives: obvhs's PLOC with reinsertion, leaves of a few primitives, collapsed to eight children a
-//! node.
+//! A tree over some primitives: obvhs's PLOC with reinsertion, leaves of a few primitives, collapsed to at most eight
+//! children a node.
 
 use super::{
     CURVED, Curved, LEAF, LEAF_SIZE, Node, PLACED, Primitive, WIDE,
@@ -77,8 +77,8 @@ pub(super) struct Source<'a> {
 }
 
 impl Piece {
-    /// Grows a tree over boxes by number, of which there is one. A tree of more nodes above each other than `deepest` is
-    /// balanced.
+    /// Grows a tree over boxes by number, of which there is one. It is balanced if it would otherwise have more nodes
+    /// above each other than `deepest`.
     pub(super) fn grow(mut members: Vec<u32>, ground: Ground<'_>, deepest: usize) -> Self {
         members.sort_unstable();
         let boxes: Vec<Boxed> = members.iter().map(|at| (ground.boxed)(*at)).collect();

@@ -21,8 +21,8 @@ use crate::{
 const FEW: usize = 4;
 /// Lists of no more are followed by turns, where the tree is large and nearest hits are looked for.
 const FEW_BY_TURNS: usize = 64;
-/// Lists of no more wait to be followed by turns, where the tree is large and anything stops a ray: then a ray may visit
-/// nodes in any order.
+/// Lists of no more wait to be followed by turns, where the tree is large and anything stops a ray: it may visit nodes
+/// in any order.
 const FEW_TO_ANY: usize = 16;
 /// So many that wait are followed.
 const MANY_WAIT: usize = 1024;
