@@ -94,7 +94,7 @@ const SPARE: usize = 16;
 /// Most primitives in a leaf.
 const LEAF_SIZE: u32 = 8;
 /// Entries of the traversal stack that a tree takes; trees that need more are balanced.
-const TREE_STACK: usize = 256;
+const TREE_STACK: usize = 288;
 /// Bytes of nodes and blocks of a large tree: many times a core's own caches.
 const LARGE_TREE: usize = 32 << 20;
 /// Entries of the traversal stack: of the world's tree, and of the tree of a mesh that is placed in it.

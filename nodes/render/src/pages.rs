@@ -7,29 +7,26 @@
 /// Bytes of tables for which large pages are asked: several of the two megabytes that a page then has.
 const LARGE: usize = 8 << 20;
 
-/// Room for so many numbers; in large pages, if it fills some and the system has such pages.
-pub(crate) fn room<T>(count: usize) -> Vec<T> {
-    let mut own = Vec::with_capacity(count);
+/// The same numbers without room to spare; in large pages, if they fill some and the system has such pages.
+pub(crate) fn settled<T: Copy>(mut numbers: Vec<T>) -> Vec<T> {
+    if size_of_val(&numbers[..]) >= LARGE
+        && let Some(own) = moved(&numbers, numbers.len())
+    {
+        return own;
+    }
+    numbers.shrink_to_fit();
+    numbers
+}
+
+/// The same numbers, with room for `count` in all, in large pages as [`settled`]. `None` if memory is lacking.
+pub(crate) fn moved<T: Copy>(numbers: &[T], count: usize) -> Option<Vec<T>> {
+    let mut own = Vec::new();
+    own.try_reserve_exact(count.max(numbers.len())).ok()?;
     if size_of_val(own.spare_capacity_mut()) >= LARGE {
         ask_for_large_pages(own.spare_capacity_mut());
     }
-    own
-}
-
-/// The same numbers with little room to spare, as in [`room`].
-pub(crate) fn settled<T: Copy>(mut numbers: Vec<T>) -> Vec<T> {
-    if size_of_val(&numbers[..]) < LARGE {
-        numbers.shrink_to_fit();
-        return numbers;
-    }
-    moved(&numbers, numbers.len())
-}
-
-/// The same numbers, and room for as many that there are `count`.
-pub(crate) fn moved<T: Copy>(numbers: &[T], count: usize) -> Vec<T> {
-    let mut own = room(count.max(numbers.len()));
     own.extend_from_slice(numbers);
-    own
+    Some(own)
 }
 
 /// Asks the system for large pages. It is free to refuse.

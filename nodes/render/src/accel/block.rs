@@ -27,6 +27,8 @@ pub(super) struct Blocks {
     lines: Vec<Record>,
     /// Those that have curved primitives.
     with_curved: Vec<u32>,
+    /// Whether there is room for about as many as there will be.
+    reserved: bool,
 }
 
 /// Up to four or eight primitives, curved ones first. Rows of triangles hold NaN for what is curved, and in lanes that
@@ -44,8 +46,11 @@ pub(super) enum Sized<'a> {
 
 impl Blocks {
     /// Adds the blocks of a piece, whose curved primitives have places from `curved` on. Returns how much larger their
-    /// places are.
+    /// places are. The first place is that of an empty block: lanes of nodes that are not used have it.
     pub(super) fn append(&mut self, mut piece: Self, curved: u32) -> u32 {
+        if self.lines.is_empty() {
+            self.push(&[], &[], false);
+        }
         let from = self.lines.len() as u32;
         for place in &piece.with_curved {
             let (rows, last) = if place & NARROW == 0 { (9 * WIDE, WIDE) } else { (9 * FEW, FEW) };
@@ -88,20 +93,31 @@ impl Blocks {
         place | narrow
     }
 
-    /// Makes room for blocks, so many times as many as there are.
-    pub(super) fn reserve(&mut self, times: f64) {
-        self.lines = moved(&self.lines, (self.lines.len() as f64 * times) as usize);
+    /// Lines so far.
+    pub(super) fn len(&self) -> usize {
+        self.lines.len()
     }
 
-    /// Lets go of room that is not used, if that is much.
+    /// Makes room for so many lines in all, if there is so much memory.
+    pub(super) fn reserve(&mut self, lines: usize) {
+        if lines > self.lines.capacity()
+            && let Some(own) = moved(&self.lines, lines)
+        {
+            (self.lines, self.reserved) = (own, true);
+        }
+    }
+
+    /// Lets go of room that is not used, if that is much, and asks for large pages.
     pub(super) fn finish(&mut self) {
-        if self.lines.len() + self.lines.len() / 3 < self.lines.capacity() {
+        let used = self.lines.len();
+        if !self.reserved || used + used / 3 < self.lines.capacity() {
             self.lines = settled(std::mem::take(&mut self.lines));
         }
     }
 
+    /// Bytes of all blocks.
     pub(super) fn bytes(&self) -> usize {
-        self.lines.capacity() * size_of::<Record>()
+        self.lines.len() * size_of::<Record>()
     }
 
     /// The block at a place.

@@ -1,8 +1,8 @@
 //! Building: many primitives in pieces, as building takes several times the memory of what is built, and pieces can be
 //! built side by side.
 //!
-//! Scenes of a million triangles are common, so nothing is kept for each of them: forms and boxes are asked for when
-//! they are needed.
+//! Scenes of a million triangles are common, so little is kept for each of them: forms are asked for when they are
+//! needed, and so are boxes after the division into pieces.
 
 use super::{
     Accel, LARGE_TREE, LEAF, PLACED, Primitive, Root, TREE_STACK, WIDE,
@@ -20,8 +20,8 @@ pub(super) const PIECE: u32 = 1 << 16;
 /// Trees of more boxes are larger than the caches, and have small blocks. In smaller trees, large ones are faster, as
 /// none of their rows is in two lines of the cache.
 const MANY: u32 = 1 << 16;
-/// Most nodes above each other: 20 of the top of 2^24 primitives, as each side of a division has a quarter of them, and
-/// 13 of a piece that is cut in halves.
+/// Most nodes above each other: 20 of the top of 2^24 boxes, as each side of a division has a quarter of them, and 16 of
+/// a piece of placed meshes that is cut in halves. The rest is for more boxes.
 const DEEPEST: usize = (TREE_STACK - 1) / (WIDE - 1);
 
 pub(super) type Bounds = (Vec3, Vec3);
@@ -157,7 +157,7 @@ impl Accel {
         let (top, ranges) = split(&mut members, &all, ground);
         drop(all);
         let (deepest, joints) = (DEEPEST.saturating_sub(top.depth), top.joints.clone());
-        let root = self.append(top);
+        let (root, before) = (self.append(top), self.blocks.len());
         let mut roots = Vec::with_capacity(ranges.len());
         // Few at once: memory is short while a large tree grows.
         for some in ranges.chunks(rayon::current_num_threads()) {
@@ -167,7 +167,8 @@ impl Accel {
             if roots.len() == some.len() {
                 // The others are probably about as large. Room that is not used takes no memory.
                 let done: usize = ranges[..roots.len()].iter().map(Range::len).sum();
-                self.blocks.reserve(1.2 * f64::from(count) / done as f64);
+                let lines = (self.blocks.len() - before) as f64 * f64::from(count) / done as f64;
+                self.blocks.reserve(before + (1.2 * lines) as usize);
             }
         }
         for (node, lane, piece) in joints {

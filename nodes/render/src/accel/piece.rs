@@ -292,7 +292,7 @@ impl<'a> Source<'a> {
         self.plans = plans;
     }
 
-    /// Whether all boxes are different, and of primitives of the world.
+    /// Whether all boxes are different, and of primitives rather than placed meshes.
     fn is_plain(&self) -> bool {
         self.groups.is_none() && self.placed as usize == self.boxes.len()
     }
@@ -310,7 +310,8 @@ impl<'a> Source<'a> {
                 let first = self.bvh.nodes[at as usize].first_index;
                 [self.part(first), self.part(first + 1)]
             }
-            leaf => {
+            // Their plans have no halves.
+            leaf @ (Part::Leaf(..) | Part::Placed(..) | Part::Piece(..)) => {
                 into.push(leaf);
                 return;
             }

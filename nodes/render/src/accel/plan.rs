@@ -26,11 +26,13 @@ impl Plan {
 
     /// Of a node of an area and two halves.
     pub(super) fn new(area: f32, a: &Self, b: &Self) -> Self {
-        let mut own = Self { children: 2, ..Self::LEAF };
+        let mut own = Self { children: WIDE as u8, ..Self::LEAF };
         let mut whole = f32::INFINITY;
         for children in 2..=WIDE {
             let at = children - 1;
-            let mut best = (f32::INFINITY, 1);
+            // Even halves, unless others cost less: areas may be 0, or too large for a number.
+            let even = children / 2;
+            let mut best = (a.cost[even - 1] + b.cost[children - even - 1], even as u8);
             for first in 1..children {
                 let cost = a.cost[first - 1] + b.cost[children - first - 1];
                 if cost < best.0 {
@@ -39,7 +41,7 @@ impl Plan {
             }
             (own.cost[at], own.first[at]) = best;
             let cost = area + best.0 + EACH * area * children as f32;
-            if cost < whole {
+            if cost <= whole {
                 whole = cost;
                 own.children = children as u8;
             }

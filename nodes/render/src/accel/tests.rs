@@ -1,6 +1,9 @@
 //! The hierarchy against brute force, and on geometry made to break it.
 
-use super::{Accel, Forms, Hit, Packet, PlacedMesh, Primitive, RayBatch, STACK, Set, SharedMesh, Sweep, build::PIECE};
+use super::{
+    Accel, CURVED, Forms, Hit, LEAF, NONE, PLACED, Packet, PlacedMesh, Primitive, RayBatch, STACK, Set, SharedMesh,
+    Sweep, block::Sized, build::PIECE,
+};
 use crate::{
     geometry::{Disk, Map, Ray, Sphere, cube},
     lanes::{Integer, Mask, Real, Triple},
@@ -84,9 +87,33 @@ fn agrees_with_brute_force_on_random_primitives() {
     }
 }
 
-#[test]
-fn a_tree_of_pieces_agrees_with_brute_force() {
-    let mut draw = Draw(Stream::new(6, &[]));
+/// The primitives of a tree, in order; placed meshes count by their first primitive.
+fn census(accel: &Accel, node: u32, into: &mut Vec<u32>) {
+    let node = &accel.nodes[node as usize];
+    for (lane, child) in node.children.into_iter().enumerate() {
+        if node.planes[0][lane] > node.planes[1][lane] {
+            continue;
+        }
+        if child & LEAF == 0 {
+            census(accel, child, into);
+        } else if child & PLACED == PLACED {
+            into.push(accel.roots[(child & !PLACED) as usize].first);
+        } else {
+            let mut take = |number: u32| match number {
+                NONE => {}
+                curved if curved & CURVED != 0 => into.push(accel.curved[(curved & !CURVED) as usize].0),
+                triangle => into.push(triangle),
+            };
+            match accel.blocks.at(child & !LEAF) {
+                Sized::Narrow(block) => (0..4).for_each(|lane| take(block.primitive(lane))),
+                Sized::Wide(block) => (0..8).for_each(|lane| take(block.primitive(lane))),
+            }
+        }
+    }
+}
+
+/// Triangles and spheres, more than a piece has, many of them in one place.
+fn many(draw: &mut Draw) -> Vec<Primitive> {
     let mut primitives: Vec<Primitive> = Vec::new();
     for k in 0..PIECE + 9000 {
         let a = draw.cube(10.0);
@@ -103,10 +130,101 @@ fn a_tree_of_pieces_agrees_with_brute_force() {
             primitives.push(Primitive::Sphere(sphere.expect("a plain sphere")));
         }
     }
+    primitives
+}
+
+#[test]
+fn a_tree_of_pieces_agrees_with_brute_force() {
+    let mut draw = Draw(Stream::new(6, &[]));
+    let primitives = many(&mut draw);
     let mut accel = Accel::new(&primitives, Vec3::ZERO);
+    let mut found = Vec::new();
+    census(&accel, 0, &mut found);
+    found.sort_unstable();
+    assert!(found.iter().copied().eq(0..primitives.len() as u32));
     accel.is_large = true;
     assert!(check(&accel, &mut draw, 300, 12.0) > 100);
     batches(&accel, &mut draw, 12.0);
+    sweep_and_packets::<f32>(&accel, &mut draw, 12.0);
+    // So many that rays are followed before all lists are short.
+    let rays: Vec<Ray> = (0..60_000).map(|_| Ray::new(draw.cube(12.0), draw.direction())).collect();
+    let mut batch = RayBatch::new(&rays);
+    for instructions in Instructions::available() {
+        batch.stopped(&accel, instructions);
+        assert!(rays.iter().enumerate().all(|(k, ray)| batch.is_stopped(k) == accel.occluded(ray)));
+    }
+}
+
+#[test]
+fn rays_of_no_numbers_meet_nothing_in_small_blocks() {
+    let mut draw = Draw(Stream::new(7, &[]));
+    let primitives: Vec<Primitive> = (0..PIECE + 5000)
+        .map(|_| {
+            // Below 0, so that numbers of a block have the sign that curved primitives have.
+            let a = draw.cube(10.0) - 30.0;
+            Primitive::Triangle([a, a + draw.cube(0.3), a + draw.cube(0.3)])
+        })
+        .collect();
+    let mut accel = Accel::new(&primitives, Vec3::ZERO);
+    accel.is_large = true;
+    let odd = [
+        Ray::new(Vec3::splat(f32::NAN), Vec3::X),
+        Ray::new(Vec3::ZERO, Vec3::splat(f32::INFINITY)),
+        Ray::new(Vec3::ZERO, Vec3::splat(f32::NEG_INFINITY)),
+        Ray::new(Vec3::ZERO, Vec3::splat(f32::NAN)),
+        Ray::new(Vec3::splat(f32::INFINITY), Vec3::Y),
+        Ray::new(Vec3::ZERO, Vec3::ZERO),
+    ];
+    assert!(odd.iter().all(|ray| accel.closest(ray).is_none() && !accel.occluded(ray)));
+    let rays: Vec<Ray> = odd.iter().cycle().take(240).copied().collect();
+    let mut batch = RayBatch::new(&rays);
+    for instructions in Instructions::available() {
+        batch.nearest(&accel, instructions);
+        assert!((0..rays.len()).all(|k| batch.hit(k).is_none()), "{instructions:?}");
+        batch.stopped(&accel, instructions);
+        assert!((0..rays.len()).all(|k| !batch.is_stopped(k)), "{instructions:?}");
+    }
+}
+
+#[test]
+fn many_placed_meshes_and_a_large_shared_one_agree_with_brute_force() {
+    let mut draw = Draw(Stream::new(8, &[]));
+    let mut primitives = vec![Primitive::Triangle([Vec3::ZERO, Vec3::X, Vec3::Y])];
+    let own = primitives.len() as u32;
+    let mut shared = Vec::new();
+    for count in [3, PIECE + 500] {
+        shared.push(SharedMesh { first: primitives.len() as u32, count });
+        for _ in 0..count {
+            let a = draw.cube(1.0);
+            primitives.push(Primitive::Triangle([a, a + draw.cube(0.6), a + draw.cube(0.6)]));
+        }
+    }
+    let (mut placed, mut first) = (Vec::new(), own);
+    for k in 0..PIECE + 2000 {
+        let mesh = usize::from(k % 20_000 == 7);
+        let affine = crate::placement::tests::draw(&mut draw.0, if mesh == 1 { 2.0 } else { 0.4 }, 10.0);
+        let Some(placement) = Placement::new(&Map::new(&affine)) else { continue };
+        let SharedMesh { first: from, count } = shared[mesh];
+        let mut bounds = (Vec3::MAX, Vec3::MIN);
+        for primitive in &primitives[from as usize..][..count as usize] {
+            let Primitive::Triangle(vertices) = primitive else { continue };
+            for p in vertices.map(|p| placement.point(p).as_vec3()) {
+                bounds = (bounds.0.min(p), bounds.1.max(p));
+            }
+        }
+        placed.push(PlacedMesh { mesh, placement, bounds, first });
+        first += count;
+    }
+    let form = |index: u32| primitives[index as usize];
+    let mut accel = Accel::over(&Forms { count: own, form: &form }, &shared, &placed, Vec3::ZERO);
+    let mut found = Vec::new();
+    census(&accel, 0, &mut found);
+    found.sort_unstable();
+    let mut expected: Vec<u32> = std::iter::once(0).chain(placed.iter().map(|one| one.first)).collect();
+    expected.sort_unstable();
+    assert_eq!(found, expected);
+    accel.is_large = true;
+    assert!(check(&accel, &mut draw, 80, 12.0) > 10);
 }
 
 #[test]
