@@ -20,8 +20,8 @@ pub(super) const PIECE: u32 = 1 << 16;
 /// Trees of more boxes are larger than the caches, and have small blocks. In smaller trees, large ones are faster, as
 /// none of their rows is in two lines of the cache.
 const MANY: u32 = 1 << 16;
-/// Most nodes above each other: 20 of the top of 2^24 boxes, as each side of a division has a quarter of them, and 16 of
-/// a piece of placed meshes that is cut in halves. The rest is for more boxes.
+/// Most nodes above each other: 20 of the top of 2^24 boxes, as each side of a division has a quarter of them, and 16
+/// of a piece of placed meshes that is cut in halves. The rest is for more boxes.
 const DEEPEST: usize = (TREE_STACK - 1) / (WIDE - 1);
 
 pub(super) type Bounds = (Vec3, Vec3);
