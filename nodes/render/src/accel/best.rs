@@ -58,13 +58,13 @@ pub(super) struct Cursor {
     pub(super) height: usize,
 }
 
-/// How far a ray is that anything stops.
+/// How far a ray is.
 pub(super) enum Progress {
     /// Something is left to be visited.
     Left,
     /// It was stopped.
     Stopped,
-    /// Nothing stops it.
+    /// Nothing is left.
     Passed,
 }
 

@@ -7,8 +7,8 @@ use crate::{
     pages::{moved, settled},
 };
 
-/// With the place of a block: it has room for [`FEW`] primitives only. About two thirds of the leaves of large meshes
-/// need no more.
+/// A flag in the place of a block that has room for [`FEW`] primitives only. About two thirds of the leaves of large
+/// meshes need no more.
 const NARROW: u32 = 1 << 29;
 /// Primitives of narrow blocks.
 const FEW: usize = 4;
@@ -25,7 +25,7 @@ const PLAIN: u32 = 0x4000_0000;
 #[derive(Default)]
 pub(super) struct Blocks {
     lines: Vec<Record>,
-    /// Those that have curved primitives.
+    /// Places of the blocks that have curved primitives.
     with_curved: Vec<u32>,
     /// Whether there is room for about as many as there will be.
     reserved: bool,
@@ -39,7 +39,7 @@ pub(super) struct Block<'a, const LEN: usize> {
 }
 
 /// A block of either width.
-pub(super) enum Sized<'a> {
+pub(super) enum AnyBlock<'a> {
     Narrow(Block<'a, FOUR>),
     Wide(Block<'a, EIGHT>),
 }
@@ -122,13 +122,13 @@ impl Blocks {
 
     /// The block at a place.
     #[inline(always)]
-    pub(super) fn at(&self, place: u32) -> Sized<'_> {
+    pub(super) fn at(&self, place: u32) -> AnyBlock<'_> {
         let numbers: &[f32] = bytemuck::cast_slice(&self.lines);
         let numbers = numbers.get(LINE * (place & !NARROW) as usize..).unwrap_or_default();
         if place & NARROW == 0 {
-            Sized::Wide(Block { triangles: Triangles(numbers.first_chunk().unwrap_or(&[f32::NAN; EIGHT])) })
+            AnyBlock::Wide(Block { triangles: Triangles(numbers.first_chunk().unwrap_or(&[f32::NAN; EIGHT])) })
         } else {
-            Sized::Narrow(Block { triangles: Triangles(numbers.first_chunk().unwrap_or(&[f32::NAN; FOUR])) })
+            AnyBlock::Narrow(Block { triangles: Triangles(numbers.first_chunk().unwrap_or(&[f32::NAN; FOUR])) })
         }
     }
 

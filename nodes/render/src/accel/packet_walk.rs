@@ -2,7 +2,7 @@
 
 use super::{
     Accel, CURVED, LEAF, NONE, PLACED, Root, SPARE, Stack, WIDE,
-    block::{Block, Sized},
+    block::{AnyBlock, Block},
     leaves::bits,
     level::{Level, WorldTree},
     packet::{Packet, PacketHits, axis},
@@ -50,8 +50,8 @@ impl Accel {
             }
             if current & LEAF != 0 {
                 match self.blocks.at(current & !LEAF) {
-                    Sized::Narrow(block) => self.meet_packet(&block, rays, mask, best),
-                    Sized::Wide(block) => self.meet_packet(&block, rays, mask, best),
+                    AnyBlock::Narrow(block) => self.meet_packet(&block, rays, mask, best),
+                    AnyBlock::Wide(block) => self.meet_packet(&block, rays, mask, best),
                 }
                 continue;
             }

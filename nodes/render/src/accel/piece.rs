@@ -26,7 +26,7 @@ pub(super) struct Piece {
     pub(super) depth: usize,
 }
 
-/// What a tree is grown over.
+/// The boxes and primitives of a tree, and how it is built over them.
 #[derive(Clone, Copy)]
 pub(super) struct Ground<'a> {
     /// Boxes of primitives and placed meshes, by number.
@@ -72,7 +72,7 @@ pub(super) struct Source<'a> {
     placed: u32,
     /// Area from which leaves are worth splitting.
     least: f32,
-    /// Of the nodes of obvhs's tree.
+    /// Plans of the nodes of obvhs's tree.
     plans: Vec<Plan>,
 }
 
@@ -198,7 +198,7 @@ impl Groups {
 }
 
 impl<'a> Source<'a> {
-    /// Of boxes by number, in ascending order, without a tree.
+    /// Takes boxes and their numbers, which ascend. It has no tree yet.
     pub(super) fn new(members: Vec<u32>, boxes: Vec<Boxed>, ground: Ground<'a>) -> Self {
         let placed = members.partition_point(|at| *at < ground.placed) as u32;
         let least = LARGE * ground.area;

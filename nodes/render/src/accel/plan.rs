@@ -5,8 +5,8 @@
 
 use super::WIDE;
 
-/// What a child costs that is looked at with a node, compared with the node itself. A single ray meets all children at
-/// once; lists of rays meet one after another.
+/// The cost of testing a child of a node, compared with the node itself. A single ray tests all children at once, and
+/// lists of rays test one after another.
 const EACH: f32 = 0.1;
 
 /// A node of the binary tree, for each number of children of a wide node that may represent it.
@@ -16,15 +16,15 @@ pub(super) struct Plan {
     cost: [f32; WIDE],
     /// How many of the children represent its first half; 0 if one child less represents it better.
     first: [u8; WIDE],
-    /// Of a wide node that is this one.
+    /// Number of children, if this becomes a wide node.
     children: u8,
 }
 
 impl Plan {
-    /// Of what is not opened.
+    /// The plan of a leaf, which is not opened.
     pub(super) const LEAF: Self = Self { cost: [0.0; WIDE], first: [0; WIDE], children: 0 };
 
-    /// Of a node of an area and two halves.
+    /// The plan of a node, by its area and the plans of its halves.
     pub(super) fn new(area: f32, a: &Self, b: &Self) -> Self {
         let mut own = Self { children: WIDE as u8, ..Self::LEAF };
         let mut whole = f32::INFINITY;
@@ -56,7 +56,7 @@ impl Plan {
         own
     }
 
-    /// How many children a wide node has that is this one.
+    /// How many children this has if it becomes a wide node.
     pub(super) fn children(&self) -> usize {
         usize::from(self.children)
     }

@@ -7,7 +7,7 @@
 use super::{
     Accel, LEAF, PLACED, SPARE, STACK, WIDE,
     best::{Best, Progress},
-    block::Sized,
+    block::AnyBlock,
     interleave::{Flight, TURNS},
     level::{Level, WorldTree},
     set::{END, Set, Sweep, Visit},
@@ -121,15 +121,13 @@ impl Accel {
         while let Some(visit) = visits.pop() {
             if visit.len <= few {
                 let list = &lists[visit.start..visit.start + visit.len];
-                if by_turns && ANY {
+                if by_turns && (ANY || visit.len > 1) {
                     for at in list {
                         memory.pending.push((visit.node, *at));
                     }
-                    if memory.pending.len() >= MANY_WAIT {
-                        self.pass_by_turns::<T, L>(&common, set, memory);
+                    if !ANY || memory.pending.len() >= MANY_WAIT {
+                        self.follow_by_turns::<T, L, ANY>(&common, set, memory);
                     }
-                } else if by_turns && visit.len > 1 {
-                    self.follow_by_turns::<T, L>(visit.node, list, &common, set, memory);
                 } else {
                     for at in list {
                         self.follow::<T, L, ANY>(visit.node, *at as usize, &common, set, memory, stack);
@@ -143,13 +141,13 @@ impl Accel {
             } else {
                 let (list, len, axes) = (&lists[visit.start..], visit.len, common.axes);
                 match self.blocks.at(visit.node & !LEAF) {
-                    Sized::Narrow(block) => self.sweep_block::<R, ANY, _>(&block, list, len, axes, set, memory),
-                    Sized::Wide(block) => self.sweep_block::<R, ANY, _>(&block, list, len, axes, set, memory),
+                    AnyBlock::Narrow(block) => self.sweep_block::<R, ANY, _>(&block, list, len, axes, set, memory),
+                    AnyBlock::Wide(block) => self.sweep_block::<R, ANY, _>(&block, list, len, axes, set, memory),
                 }
             }
         }
         if by_turns && ANY {
-            self.pass_by_turns::<T, L>(&common, set, memory);
+            self.follow_by_turns::<T, L, ANY>(&common, set, memory);
         }
         memory.visits = visits;
     }
@@ -182,12 +180,10 @@ impl Accel {
         }
     }
 
-    /// The rays of a short list from a node on, by turns.
+    /// The rays that wait, each from its node on, by turns.
     #[inline(always)]
-    fn follow_by_turns<T: Real, L: Level>(
+    fn follow_by_turns<T: Real, L: Level, const ANY: bool>(
         &self,
-        node: u32,
-        list: &[u32],
         common: &Common,
         set: &mut Set<'_>,
         memory: &mut Sweep,
@@ -196,15 +192,18 @@ impl Accel {
         if flights.len() < TURNS {
             flights.resize_with(TURNS, Flight::default);
         }
-        let mut waiting = list.iter();
+        let mut pending = std::mem::take(&mut memory.pending);
         // Those that are on their way come first.
         let mut order: [usize; TURNS] = std::array::from_fn(|k| k);
         let mut live = 0;
         loop {
             while live < TURNS {
-                let Some(at) = waiting.next() else { break };
-                let at = *at as usize;
+                let Some((node, at)) = pending.pop() else { break };
+                let at = at as usize;
                 let t = memory.rays[at].0[END];
+                if ANY && t < 0.0 {
+                    continue;
+                }
                 let walk = memory.walk(at, set, common.axes);
                 let best = Best { t, u: set.u[at], v: set.v[at], primitive: set.primitive[at] };
                 flights[order[live]].begin(node, at, walk, best);
@@ -215,56 +214,26 @@ impl Accel {
             }
             let mut turn = 0;
             while turn < live {
-                if !self.take_turn::<T, L>(&mut flights[order[turn]]) {
-                    turn += 1;
-                    continue;
-                }
-                let Flight { at, best, .. } = &flights[order[turn]];
-                set.keep(*at, best.u, best.v, best.primitive);
-                memory.end(*at, best.t);
-                live -= 1;
-                order.swap(turn, live);
-            }
-        }
-        memory.flights = flights;
-    }
-
-    /// The rays that wait, which anything stops, by turns.
-    #[inline(always)]
-    fn pass_by_turns<T: Real, L: Level>(&self, common: &Common, set: &Set<'_>, memory: &mut Sweep) {
-        let mut flights = std::mem::take(&mut memory.flights);
-        if flights.len() < TURNS {
-            flights.resize_with(TURNS, Flight::default);
-        }
-        let mut pending = std::mem::take(&mut memory.pending);
-        let mut order: [usize; TURNS] = std::array::from_fn(|k| k);
-        let mut live = 0;
-        loop {
-            while live < TURNS {
-                let Some((node, at)) = pending.pop() else { break };
-                let at = at as usize;
-                let t = memory.rays[at].0[END];
-                if t < 0.0 {
-                    continue;
-                }
-                let walk = memory.walk(at, set, common.axes);
-                flights[order[live]].begin(node, at, walk, Best::none(t));
-                live += 1;
-            }
-            if live == 0 {
-                break;
-            }
-            let mut turn = 0;
-            while turn < live {
                 let Flight { walk, slabs, best, spot, stack, at } = &mut flights[order[turn]];
-                match self.step_to_any::<T, L>(spot, slabs, walk, best.t, stack) {
+                let progress = if ANY {
+                    self.step_to_any::<T, L>(spot, slabs, walk, best.t, stack)
+                } else if self.step::<T, L>(spot, slabs, walk, best, stack) {
+                    Progress::Passed
+                } else {
+                    Progress::Left
+                };
+                match progress {
                     Progress::Left => {
                         self.ask_for(spot.node);
                         turn += 1;
                         continue;
                     }
                     Progress::Stopped => memory.end(*at, -1.0),
-                    Progress::Passed => {}
+                    Progress::Passed if ANY => {}
+                    Progress::Passed => {
+                        set.keep(*at, best.u, best.v, best.primitive);
+                        memory.end(*at, best.t);
+                    }
                 }
                 live -= 1;
                 order.swap(turn, live);
@@ -281,15 +250,6 @@ impl Accel {
         } else if next & PLACED != PLACED {
             self.blocks.ask_for(next & !LEAF);
         }
-    }
-
-    /// One step of a ray, which then asks for what it needs next. True if nothing is left for it.
-    #[inline(always)]
-    pub(super) fn take_turn<R: Real, L: Level>(&self, flight: &mut Flight) -> bool {
-        let Flight { walk, slabs, best, spot, stack, .. } = flight;
-        let done = self.step::<R, L>(spot, slabs, walk, best, stack);
-        self.ask_for(spot.node);
-        done
     }
 
     /// Sorts the rays of a list into those of the children that they meet.

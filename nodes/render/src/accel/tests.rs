@@ -2,7 +2,7 @@
 
 use super::{
     Accel, CURVED, Forms, Hit, LEAF, NONE, PLACED, Packet, PlacedMesh, Primitive, RayBatch, STACK, Set, SharedMesh,
-    Sweep, block::Sized, build::PIECE,
+    Sweep, block::AnyBlock, build::PIECE,
 };
 use crate::{
     geometry::{Disk, Map, Ray, Sphere, cube},
@@ -105,8 +105,8 @@ fn census(accel: &Accel, node: u32, into: &mut Vec<u32>) {
                 triangle => into.push(triangle),
             };
             match accel.blocks.at(child & !LEAF) {
-                Sized::Narrow(block) => (0..4).for_each(|lane| take(block.primitive(lane))),
-                Sized::Wide(block) => (0..8).for_each(|lane| take(block.primitive(lane))),
+                AnyBlock::Narrow(block) => (0..4).for_each(|lane| take(block.primitive(lane))),
+                AnyBlock::Wide(block) => (0..8).for_each(|lane| take(block.primitive(lane))),
             }
         }
     }
@@ -205,13 +205,7 @@ fn many_placed_meshes_and_a_large_shared_one_agree_with_brute_force() {
         let affine = crate::placement::tests::draw(&mut draw.0, if mesh == 1 { 2.0 } else { 0.4 }, 10.0);
         let Some(placement) = Placement::new(&Map::new(&affine)) else { continue };
         let SharedMesh { first: from, count } = shared[mesh];
-        let mut bounds = (Vec3::MAX, Vec3::MIN);
-        for primitive in &primitives[from as usize..][..count as usize] {
-            let Primitive::Triangle(vertices) = primitive else { continue };
-            for p in vertices.map(|p| placement.point(p).as_vec3()) {
-                bounds = (bounds.0.min(p), bounds.1.max(p));
-            }
-        }
+        let bounds = placed_bounds(&placement, &primitives[from as usize..][..count as usize]);
         placed.push(PlacedMesh { mesh, placement, bounds, first });
         first += count;
     }
@@ -356,6 +350,18 @@ fn sweep_and_packets<R: Real>(accel: &Accel, draw: &mut Draw, half: f32) {
     assert!(packets > 5, "{packets} packets");
 }
 
+/// Bounds of triangles where a shape has them.
+fn placed_bounds(placement: &Placement, triangles: &[Primitive]) -> (Vec3, Vec3) {
+    let mut bounds = (Vec3::MAX, Vec3::MIN);
+    for primitive in triangles {
+        let Primitive::Triangle(vertices) = primitive else { continue };
+        for p in vertices.map(|p| placement.point(p).as_vec3()) {
+            bounds = (bounds.0.min(p), bounds.1.max(p));
+        }
+    }
+    bounds
+}
+
 /// A world of triangles, bodies, and meshes placed many times: some in one place, so that hits are at one distance.
 fn two_levels(draw: &mut Draw) -> Accel {
     let mut primitives: Vec<Primitive> = Vec::new();
@@ -386,13 +392,7 @@ fn two_levels(draw: &mut Draw) -> Accel {
         let Some(placement) = Placement::new(&Map::new(&affine)) else { continue };
         let mesh = k / 10 % 3;
         let SharedMesh { first: from, count } = shared[mesh];
-        let mut bounds = (Vec3::MAX, Vec3::MIN);
-        for primitive in &primitives[from as usize..][..count as usize] {
-            let Primitive::Triangle(vertices) = primitive else { continue };
-            for p in vertices.map(|p| placement.point(p).as_vec3()) {
-                bounds = (bounds.0.min(p), bounds.1.max(p));
-            }
-        }
+        let bounds = placed_bounds(&placement, &primitives[from as usize..][..count as usize]);
         placed.push(PlacedMesh { mesh, placement, bounds, first });
         first += count;
     }

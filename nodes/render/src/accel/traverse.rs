@@ -3,7 +3,7 @@
 use super::{
     Accel, Hit, LEAF, LEAF_SIZE, PLACED, STACK,
     best::{Best, Cursor, Progress, Slabs, Stack},
-    block::{Block, Sized},
+    block::{AnyBlock, Block},
     level::{Level, WorldTree},
 };
 use crate::{
@@ -123,8 +123,8 @@ impl Accel {
         } else {
             let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
             match self.blocks.at(current & !LEAF) {
-                Sized::Narrow(block) => self.improve::<R, _>(&block, walk, shear, best),
-                Sized::Wide(block) => self.improve::<R, _>(&block, walk, shear, best),
+                AnyBlock::Narrow(block) => self.improve::<R, _>(&block, walk, shear, best),
+                AnyBlock::Wide(block) => self.improve::<R, _>(&block, walk, shear, best),
             }
         }
         while spot.height > 0 {
@@ -191,8 +191,8 @@ impl Accel {
         } else {
             let shear = [R::splat(walk.shear[0]), R::splat(walk.shear[1]), R::splat(walk.shear[2])];
             let stopped = match self.blocks.at(current & !LEAF) {
-                Sized::Narrow(block) => self.stops::<R, _>(&block, walk, shear, t_max),
-                Sized::Wide(block) => self.stops::<R, _>(&block, walk, shear, t_max),
+                AnyBlock::Narrow(block) => self.stops::<R, _>(&block, walk, shear, t_max),
+                AnyBlock::Wide(block) => self.stops::<R, _>(&block, walk, shear, t_max),
             };
             if stopped {
                 return Progress::Stopped;
@@ -268,8 +268,8 @@ impl Accel {
                 own.merge(root, best);
             } else {
                 match self.blocks.at(which & !LEAF) {
-                    Sized::Narrow(block) => self.improve::<f32, _>(&block, walk, walk.shear, best),
-                    Sized::Wide(block) => self.improve::<f32, _>(&block, walk, walk.shear, best),
+                    AnyBlock::Narrow(block) => self.improve::<f32, _>(&block, walk, walk.shear, best),
+                    AnyBlock::Wide(block) => self.improve::<f32, _>(&block, walk, walk.shear, best),
                 }
             }
         }
