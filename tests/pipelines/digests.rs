@@ -21,6 +21,10 @@ fn outputs_change_with_versions_alone() {
     kind: ladder_rendering
     inputs: { scenes: sampling.test }
     params: { rungs: [32], resolution: [16, 16], stream: 1 }
+  as_before:
+    kind: ladder_rendering
+    inputs: { scenes: sampling.test }
+    params: { rungs: [32], resolution: [16, 16], stream: 1, choices: fixed }
   convergence:
     kind: convergence
     inputs: { references: held_out, ladders: test_ladders, exposure: gate.exposure }
@@ -129,6 +133,7 @@ fn outputs_change_with_versions_alone() {
         "train_set.packed",
         "features.packed",
         "held_out.ladder",
+        "as_before.ladder",
         "convergence.convergence",
         "filtered.refined",
         "statistics.statistics",

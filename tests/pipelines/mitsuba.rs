@@ -20,7 +20,7 @@ nodes:
   ladders:
     kind: ladder_rendering
     inputs: { scenes: gate.accepted }
-    params: { rungs: RUNGS, resolution: [64, 64], stream: 4711 }
+    params: { rungs: RUNGS, resolution: [64, 64], stream: 4711, integrator: INTEGRATOR }
 ";
 
 #[derive(Deserialize)]
@@ -83,19 +83,28 @@ pub(crate) fn deviation(ours: (f64, f64), theirs: (f64, f64), batches: f64) -> (
 
 #[test]
 fn scenes_have_mitsubas_means() {
-    let slow = tauflow_testing::slow();
+    compare("path", if tauflow_testing::slow() { 64 } else { 16 });
+}
+
+#[test]
+fn light_paths_have_mitsubas_means() {
+    compare("bidirectional", 16);
+}
+
+/// Asserts that a scene of each stratum has Mitsuba's means. A batch has `batch` samples per pixel.
+fn compare(integrator: &str, batch: u64) {
     let references: References = serde_json::from_str(include_str!("mitsuba.json")).expect("a sound file");
     assert!(references.mitsuba.starts_with("3.9") && references.side == 64 && references.batches == 16);
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("means.yaml");
     let scenes = root().join("benches/mitsuba/scenes.yaml");
-    let batch: u64 = if slow { 64 } else { 16 };
     let rungs: Vec<u64> = (1..=BATCHES).map(|k| k * batch).collect();
     let chosen: BTreeMap<String, &Reference> = references.scenes.iter().map(|of| (of.scene.clone(), of)).collect();
     assert_eq!(chosen.len(), Stratum::all().count());
     let text = PIPELINE
         .replace("SCENES", &serde_json::to_string(&scenes).expect("a path in UTF-8"))
-        .replace("RUNGS", &format!("{rungs:?}"));
+        .replace("RUNGS", &format!("{rungs:?}"))
+        .replace("INTEGRATOR", integrator);
     std::fs::write(&file, text).expect("written");
     // The first scene of each stratum.
     let done = Done::run(&file, vec!["scenes.pool=12".into()], &folder.path().join("cache"));

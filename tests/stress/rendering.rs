@@ -11,6 +11,7 @@ use tauflow_data::{
 };
 use tauflow_render::{
     accumulator::{Accumulator, Pixel},
+    choices::Choices,
     integrator::Roulette,
     render::Renderer,
     world::World,
@@ -19,7 +20,8 @@ use tauflow_render::{
 const AREA: &str = "Rendering";
 
 pub(super) fn world(built: &Built) -> Result<World, String> {
-    World::new(&built.scene, &mut |digest| built.load(digest)).map_err(|e| e.to_string())
+    let world = World::new(&built.scene, &mut |digest| built.load(digest)).map_err(|e| e.to_string())?;
+    Ok(world.with_choices(Choices::default()))
 }
 
 pub(super) fn rendered(built: &Built, width: u32, height: u32, spp: u64) -> Result<Accumulator, String> {

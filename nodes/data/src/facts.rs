@@ -69,6 +69,17 @@ pub fn same_rungs(port: impl Named, source: &Source, other: &Source) -> Option<F
     })
 }
 
+/// Whether the last rungs of two ladders have the same samples; `port` is the input of `source`.
+pub fn same_last_rung(port: impl Named, source: &Source, other: &Source) -> Option<Foreseen> {
+    let last = |source: &Source| source.facts.get(RUNGS).and_then(|rungs| rungs.last().copied());
+    let (own, others) = (last(source)?, last(other)?);
+    (own != others).then(|| {
+        let message =
+            format!("the last rung of `{}` has {own} samples, but that of `{}` has {others}", source.name, other.name);
+        Foreseen::input(port, message, "connect the ladders of which one was made from the other")
+    })
+}
+
 /// The source with the longest known ladder, the first if there are several.
 pub fn longest(sources: &[Source]) -> Option<&Source> {
     let lengths = sources.iter().filter_map(|source| Some((source.facts.get(RUNGS)?.len(), source)));

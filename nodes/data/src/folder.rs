@@ -65,13 +65,15 @@ pub struct DiskFolder {
     item: Option<ItemKey>,
     radiance: Radiance,
     taken: Arc<Mutex<BTreeMap<PathBuf, ItemKey>>>,
+    /// The manifest of what was there before, which goes before the first file is written.
+    earlier: Arc<Mutex<Option<PathBuf>>>,
 }
 
 impl DiskFolder {
     /// A folder, which is made once something is written.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        let (listed, written, radiance, taken) = Default::default();
-        Self { path: path.into(), listed, written, item: None, radiance, taken }
+        let (listed, written, radiance, taken, earlier) = Default::default();
+        Self { path: path.into(), listed, written, item: None, radiance, taken, earlier }
     }
 
     /// The same, where images are written so.
@@ -83,8 +85,8 @@ impl DiskFolder {
     fn of_item(&self, item: &ItemKey) -> Self {
         // A key is a path below the folder: that is what `ItemKey::new` checks.
         let path = self.path.join(item.as_str());
-        let (radiance, taken) = (self.radiance, self.taken.clone());
-        Self { path, item: Some(item.clone()), radiance, taken, ..Self::new("") }
+        let (radiance, taken, earlier) = (self.radiance, self.taken.clone(), self.earlier.clone());
+        Self { path, item: Some(item.clone()), radiance, taken, earlier, ..Self::new("") }
     }
 
     /// Takes a file for this folder's item: the folders of items may lie in each other, and their files may meet.
@@ -103,6 +105,20 @@ impl DiskFolder {
         }
         if let Some(item) = &self.item {
             taken.insert(path.to_owned(), item.clone());
+        }
+        Ok(())
+    }
+
+    /// Removes the manifest of what was there before, if [`begin`] was called: what it lists is about to change.
+    fn forget(&self) -> Result<(), KindError> {
+        let mut earlier = self.earlier.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(path) = &*earlier {
+            match fs::remove_file(path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    return Err(KindError::Environment(format!("cannot remove {}: {error}", path.display())));
+                }
+                _ => *earlier = None,
+            }
         }
         Ok(())
     }
@@ -148,6 +164,7 @@ impl WriteFiles for DiskFolder {
     fn put(&mut self, name: &str, bytes: &[u8]) -> Result<(), KindError> {
         let path = self.file(name)?;
         self.take(&path)?;
+        self.forget()?;
         let failed = |e: io::Error| KindError::Environment(format!("cannot write {}: {e}", path.display()));
         let (Some(folder), Some(own)) = (path.parent(), path.file_name()) else {
             return Err(KindError::Internal(format!("`{name}` was checked, and has no folder")));
@@ -204,18 +221,10 @@ fn row(media: &str) -> Result<&'static tauflow_contract::MediaRow, KindError> {
     })
 }
 
-/// Forgets what a folder held, so that a manifest stands for what is written now alone.
-///
-/// # Errors
-/// If the manifest is there and cannot be removed.
-pub fn begin(out: &DiskFolder) -> Result<(), KindError> {
-    let path = out.file(MANIFEST)?;
-    match fs::remove_file(&path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            Err(KindError::Environment(format!("cannot remove {}: {error}", path.display())))
-        }
-        _ => Ok(()),
-    }
+/// Begins an export that ends with a manifest. The first file that is written takes the earlier manifest away, so that
+/// a manifest stands for what is written now alone. An export that fails before it writes a file leaves all as it was.
+pub fn begin(out: &DiskFolder) {
+    *out.earlier.lock().unwrap_or_else(PoisonError::into_inner) = Some(out.path.join(MANIFEST));
 }
 
 /// Writes an item into a folder of its own.

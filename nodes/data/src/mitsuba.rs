@@ -97,6 +97,12 @@ pub fn export(
     fs::write(dir.join("scene.xml"), &writer.xml).map_err(io)
 }
 
+/// Whether an export may write a file of this name.
+pub fn writes(name: &str) -> bool {
+    let is = |start: &str, end: &str| name.starts_with(start) && name.ends_with(end);
+    name == "scene.xml" || is("mesh-", ".ply") || is("image-", ".exr")
+}
+
 /// The first line of exported scenes. In their normal maps t is upwards in the image, even where Mitsuba has it
 /// downwards, which a reader must know to get the same scene back.
 pub const OWN: &str = "<!-- tauflow export: t of normal maps is upwards in the image -->";

@@ -12,7 +12,7 @@
 //! | [`Avx2`](Instructions::Avx2) | `avx2`, `bmi1`, `bmi2`, `lzcnt`, `popcnt` | `avx2`, `fma` |
 //! | [`Avx512`](Instructions::Avx512) | these, `avx512f`, `avx512dq`, `avx512bw`, `avx512vl` | the same, and theirs |
 
-use std::sync::OnceLock;
+use std::{io::Write, sync::OnceLock};
 
 /// Environment variable that allows fewer instructions than the processor has.
 pub const VARIABLE: &str = "TAUFLOW_INSTRUCTIONS";
@@ -90,7 +90,8 @@ impl Instructions {
         static BEST: OnceLock<Instructions> = OnceLock::new();
         *BEST.get_or_init(|| {
             let asked = Self::asked().unwrap_or_else(|unknown| {
-                eprintln!("{unknown}; it is not heeded");
+                // `eprintln!` would panic if nobody reads stderr any more.
+                let _ = writeln!(std::io::stderr(), "{unknown}; it is not heeded");
                 None
             });
             Self::most().min(asked.unwrap_or(Self::Avx512))

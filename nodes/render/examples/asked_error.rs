@@ -14,7 +14,7 @@ use tauflow_data::{
     bins::{KEY, geometric_mean_luminance},
     scene::{Affine, Bsdf, Camera, Emitter, Geometry, Scene, Shape, Texture},
 };
-use tauflow_render::{accumulator::Accumulator, render::Renderer, until::Until, world::World};
+use tauflow_render::{accumulator::Accumulator, choices::Choices, render::Renderer, until::Until, world::World};
 
 const ASKED: [f64; 3] = [0.25, 0.1, 0.05];
 /// Pixels of the scenes with caustics, and of the scenes of folders.
@@ -167,7 +167,7 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let (mut kept, mut promised, mut costs) = (0, 0, Vec::new());
     for (name, scene, blobs) in scenes {
         let mut load = |digest: &Digest| blobs.get(digest).cloned().ok_or(KindError::MissingBlob(*digest));
-        let world = World::new(&scene, &mut load)?;
+        let world = World::new(&scene, &mut load)?.with_choices(Choices::default());
         let renderer = Renderer::new(&world, film, REFERENCE)?;
         let mut reference = renderer.begin();
         renderer.advance(&mut reference, samples, &mut |_| Ok(()))?;

@@ -14,6 +14,7 @@ use tauflow_data::{
     scene::{Bsdf, Geometry, Texture},
 };
 use tauflow_render::{
+    choices::Choices,
     render::Renderer,
     world::{Sharing, World},
 };
@@ -156,6 +157,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let (before, begun) = (status("VmRSS"), processor()?);
     let world = World::with_sharing(&built.scene, &mut |digest| built.load(digest), sharing)?;
+    let world = world.with_choices(Choices::default());
     let compiled = processor()? - begun;
     let (held, peak) = (status("VmRSS"), status("VmHWM"));
     let renderer = Renderer::new(&world, film(SIDE, SIDE), 0)?;

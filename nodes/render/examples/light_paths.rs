@@ -11,6 +11,7 @@ use tauflow_contract::{Digest, KindError};
 use tauflow_data::{Resolution, SamplerKind};
 use tauflow_render::{
     accumulator::Accumulator,
+    choices::Choices,
     integrator::{Integrator, Path},
     render::Renderer,
     world::World,
@@ -70,7 +71,7 @@ fn main() -> Result<(), Failure> {
         let mut load = |digest: &Digest| -> Result<Vec<u8>, KindError> {
             blobs.get(digest).cloned().ok_or_else(|| KindError::Input(format!("no blob {digest}")))
         };
-        let world = World::new(&scene, &mut load)?;
+        let world = World::new(&scene, &mut load)?.with_choices(Choices::default());
         let name = Folder::new(&folder).file_name().unwrap_or_default().to_string_lossy().into_owned();
         pool.install(|| -> Result<(), Failure> {
             let reference = |stream| Ok::<_, Failure>(render(&world, (joined, sobol), stream, REFERENCE)?.0);

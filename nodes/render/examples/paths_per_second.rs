@@ -4,7 +4,7 @@
 
 use std::{error::Error, fs, path::PathBuf, time::Instant};
 use tauflow_data::{Resolution, image_io::preview_png};
-use tauflow_render::{render::Renderer, world::World};
+use tauflow_render::{choices::Choices, render::Renderer, world::World};
 
 #[path = "../tests/scenes/mod.rs"]
 mod scenes;
@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     for (name, built) in [("balls_under_sky", scenes::balls_under_sky()), ("room", scenes::room())] {
         let begun = Instant::now();
-        let world = World::new(&built.scene, &mut |digest| built.load(digest))?;
+        let world = World::new(&built.scene, &mut |digest| built.load(digest))?.with_choices(Choices::default());
         let compiled = begun.elapsed();
         let renderer = Renderer::new(&world, Resolution::new(side, side)?, 0)?;
         let mut film = renderer.begin();

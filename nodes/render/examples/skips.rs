@@ -9,7 +9,9 @@ use exported::{Blobs, read};
 use std::{collections::BTreeMap, error::Error, fs, path::Path, time::Instant};
 use tauflow_contract::{Digest, KindError};
 use tauflow_data::{Resolution, Stratum, scene::Scene};
-use tauflow_render::{accumulator::Accumulator, gbuffer::GBufferSurface, render::Renderer, skips::Skip, world::World};
+use tauflow_render::{
+    accumulator::Accumulator, choices::Choices, gbuffer::GBufferSurface, render::Renderer, skips::Skip, world::World,
+};
 
 mod exported;
 
@@ -17,9 +19,10 @@ mod exported;
 const ROUNDS: usize = 5;
 
 fn world(scene: &Scene, blobs: &Blobs) -> Result<World, KindError> {
-    World::new(scene, &mut |digest| {
+    let world = World::new(scene, &mut |digest| {
         blobs.get(digest).cloned().ok_or_else(|| KindError::Input(format!("no blob {digest}")))
-    })
+    })?;
+    Ok(world.with_choices(Choices::default()))
 }
 
 fn render(world: &World, film: Resolution, spp: u64) -> Result<(f64, Accumulator), KindError> {

@@ -4,7 +4,7 @@ mod light;
 mod passage;
 mod path;
 
-pub(crate) use light::{LightPaths, Plan, Which};
+pub(crate) use light::{LightPaths, Plan, Which, reaches};
 
 pub(crate) use passage::{Dimmed, PASSAGES, Passage, first_solid, met};
 pub(crate) use path::dimension;

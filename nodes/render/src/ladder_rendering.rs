@@ -2,6 +2,7 @@
 
 use crate::{
     accumulator::Accumulator,
+    choices::Choices,
     gbuffer::GBufferSurface,
     render::{Renderer, SharedPlan},
     until::Until,
@@ -50,6 +51,7 @@ const LATER: &[Later] = &[
     Later { pointer: "/until/samples", before: Before::Integer(64) },
     Later { pointer: "/integrator", before: Before::Text("path") },
     Later { pointer: "/gbuffer_surface", before: Before::Text("first") },
+    Later { pointer: "/choices", before: Before::Text("fixed") },
 ];
 
 /// Points of a sequence: a sample's index has 32 bits.
@@ -96,6 +98,8 @@ pub struct LadderRenderingParams {
     pub sampler: SamplerKind,
     /// Estimator of radiance: the path tracer, or also paths from the lights.
     pub integrator: IntegratorKind,
+    /// How lobes of `principled` materials and lights are chosen.
+    pub choices: Choices,
     /// Samples per pixel of the G-buffer.
     #[schemars(range(min = 1, max = 65536))]
     pub gbuffer_samples: u64,
@@ -116,6 +120,7 @@ impl Default for LadderRenderingParams {
             stream: 0,
             sampler: SamplerKind::Independent,
             integrator: IntegratorKind::Path,
+            choices: Choices::default(),
             gbuffer_samples: 32,
             gbuffer_surface: GBufferSurface::First,
             repeats: 3,
@@ -176,23 +181,24 @@ impl Kind for LadderRendering {
     }
 
     fn project(params: &Self::Params, _item: Option<&ItemKey>, group: &str) -> Value {
-        let LadderRenderingParams { rungs, resolution, stream, sampler, integrator, repeats, until, .. } = params;
+        let LadderRenderingParams { rungs, resolution, stream, sampler, integrator, choices, repeats, until, .. } =
+            params;
         let (gbuffer_samples, gbuffer_surface) = (params.gbuffer_samples, params.gbuffer_surface);
         if group == TIMINGS.name {
             // A ladder that ends by itself is timed to the last rung that is asked for in any case.
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
-                "integrator": integrator, "gbuffer_samples": gbuffer_samples, "gbuffer_surface": gbuffer_surface,
-                "repeats": repeats })
+                "integrator": integrator, "choices": choices, "gbuffer_samples": gbuffer_samples,
+                "gbuffer_surface": gbuffer_surface, "repeats": repeats })
         } else if group == GBUFFERS.name {
             json!({ "resolution": resolution, "stream": stream, "gbuffer_samples": gbuffer_samples,
                 "gbuffer_surface": gbuffer_surface })
         } else if group == VARIANCES.name {
             // As with times: those of the rungs that are asked for in any case.
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
-                "integrator": integrator })
+                "integrator": integrator, "choices": choices })
         } else {
             json!({ "rungs": rungs, "resolution": resolution, "stream": stream, "sampler": sampler,
-                "integrator": integrator, "until": until })
+                "integrator": integrator, "choices": choices, "until": until })
         }
     }
 
@@ -209,6 +215,8 @@ impl Kind for LadderRendering {
             ctx,
             scene: action.handle(SCENES)?,
             params: &action.params,
+            // A G-buffer draws no lights, and no lobes of `principled`.
+            choices: if action.group == GBUFFERS.name { Choices::Fixed } else { action.params.choices },
             world: OnceCell::new(),
             plan: SharedPlan::default(),
         };
@@ -230,6 +238,7 @@ struct SceneRender<'a> {
     ctx: &'a Context<'a>,
     scene: Handle<'a, SceneRecord>,
     params: &'a LadderRenderingParams,
+    choices: Choices,
     world: OnceCell<World>,
     plan: SharedPlan,
 }
@@ -237,7 +246,8 @@ struct SceneRender<'a> {
 impl SceneRender<'_> {
     fn new_world(&self) -> Result<World, KindError> {
         let scene = SceneRecord::scene(self.ctx, self.scene)?;
-        World::new(&scene, &mut |digest: &Digest| self.ctx.get(digest))
+        let world = World::new(&scene, &mut |digest: &Digest| self.ctx.get(digest))?;
+        Ok(world.with_choices(self.choices))
     }
 
     /// The world, made when it is first asked for.
@@ -304,9 +314,9 @@ impl SceneRender<'_> {
 
     /// Key of the state, or of the image, after `count` samples. The scene's JSON names its blobs by digest.
     fn key(&self, what: Memo, stream: u64, count: u64) -> Result<MemoKey, KindError> {
-        let LadderRenderingParams { resolution, sampler, integrator, .. } = self.params;
+        let LadderRenderingParams { resolution, sampler, integrator, choices, .. } = self.params;
         let mut params = json!({ "resolution": resolution, "stream": stream, "sampler": sampler,
-            "integrator": integrator, "count": count });
+            "integrator": integrator, "choices": choices, "count": count });
         leave_out(&mut params, LATER);
         Ok(MemoKey {
             basis: Basis::new(NAME, MEMO_VERSION, what.name()).with(params, None),

@@ -6,6 +6,7 @@ mod alias;
 mod bounds;
 pub mod bsdf;
 pub mod camera;
+pub mod choices;
 pub mod convergence;
 mod dispatch;
 pub mod environment;

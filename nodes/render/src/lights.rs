@@ -1,36 +1,44 @@
 //! The lights of a scene, and which of them to sample.
 //!
 //! A light is picked in proportion to what it would bring to the point if nothing stood in between and the surface
-//! faced anywhere. A tenth of the probability is spread evenly, so that none is ever left out. A scene of many lights
-//! picks by power, with half of the probability spread evenly. Shapes are sampled evenly over their area, spheres over
-//! the cone that they fill. Lights that emit nothing are dropped.
+//! faced anywhere. With [`Choices::Adapted`](crate::choices::Choices), this is multiplied by the part that arrives: see
+//! [`learnt`]. A tenth of the probability is spread evenly, so that none is ever left out. A scene of many lights picks
+//! by power, with half of the probability spread evenly; adapted choices use a table for each cell of a grid.
+//!
+//! Shapes are sampled evenly over their area, spheres over the cone that they fill. Lights that emit nothing are
+//! dropped.
 
 mod aims;
+mod arrival;
 mod choice;
 mod delta;
 mod emission;
+mod guide;
+mod learnt;
 mod shape;
 
 use crate::{
     accel,
     alias::Alias,
     environment::Environment,
-    geometry::offset_origins,
     lanes::{Integer, Mask, Pair, Real, Triple},
     texture::{LoadBitmap, Texture},
     world::World,
 };
 pub(crate) use aims::Aims;
+pub(crate) use arrival::{Arrivals, Arrived, Vantage};
 pub(crate) use choice::Choice;
 use delta::Spot;
 pub(crate) use emission::Emitted;
 use glam::{DVec3, Vec3};
+use guide::{Guide, shape_guide};
+pub(crate) use learnt::Learnt;
 pub(crate) use shape::ShapeLight;
 use std::{collections::BTreeMap, sync::Arc};
 use tauflow_contract::KindError;
 use tauflow_data::{image::luminance, scene};
 
-/// Scenes of more lights pick by power alone.
+/// Scenes of more lights pick by power alone, or by what is learnt of cells.
 const GUIDED: usize = 8;
 
 /// A light.
@@ -60,78 +68,6 @@ pub(crate) struct Emission {
 /// The forms of emitting shapes, in the world, by shape and number.
 pub(crate) type ShapeForms<'a> = &'a dyn Fn(u32, u32) -> accel::Primitive;
 
-/// Points that light may arrive at.
-#[derive(Clone, Copy)]
-pub(crate) struct Vantage<R> {
-    pub(crate) p: Triple<R>,
-    /// Bound on the error of `p`.
-    pub(crate) error: Triple<R>,
-    /// Geometric normal.
-    pub(crate) normal: Triple<R>,
-}
-
-/// Light that may arrive at points.
-#[derive(Clone, Copy)]
-pub(crate) struct Arrivals<R: Real> {
-    /// Unit directions towards it.
-    pub(crate) direction: Triple<R>,
-    /// Shadow rays: where they begin, where they go in units of `t_max`.
-    pub(crate) origin: Triple<R>,
-    pub(crate) ray: Triple<R>,
-    pub(crate) t_max: f32,
-    /// Radiance over the density of the sample.
-    pub(crate) weight: Triple<R>,
-    /// Density over solid angle; 0 for lights that nothing else can find.
-    pub(crate) pdf: R,
-    /// Density with which light paths are emitted this way, if there are any.
-    pub(crate) emits: R,
-    /// Lanes where light may arrive.
-    pub(crate) valid: R::Mask,
-}
-
-/// [`Arrivals`] of whatever lights the lanes have picked.
-pub(crate) struct Arrived<R: Real> {
-    pub(crate) direction: Triple<R>,
-    pub(crate) origin: Triple<R>,
-    pub(crate) ray: Triple<R>,
-    pub(crate) t_max: R,
-    pub(crate) weight: Triple<R>,
-    pub(crate) pdf: R,
-    pub(crate) emits: R,
-    pub(crate) valid: R::Mask,
-}
-
-/// How much light a light would bring to a point.
-#[derive(Clone, Copy, Debug)]
-struct Guide {
-    center: Vec3,
-    /// Squared radius: nearer than that, distance does not count.
-    square: f32,
-    /// Intensity, or irradiance of what is infinitely far.
-    strength: f32,
-    /// Normal of what shines to one side only; 0 of what shines to all.
-    normal: Vec3,
-    far: bool,
-}
-
-impl Guide {
-    #[inline(always)]
-    fn importance<R: Real>(&self, p: Triple<R>) -> R {
-        if self.far {
-            return R::splat(self.strength);
-        }
-        let d = p - Triple::splat(self.center);
-        let square = d.dot(d);
-        let near = R::splat(self.strength) / square.max(R::splat(self.square));
-        if self.normal == Vec3::ZERO {
-            return near;
-        }
-        // A little whatever the angle: a light of some extent is seen from beside it.
-        let cos = d.dot(Triple::splat(self.normal)) / square.max(R::splat(self.square)).sqrt();
-        near * (cos.max(R::zero()) + 0.1)
-    }
-}
-
 /// The lights of a scene.
 pub struct Lights {
     lights: Vec<Light>,
@@ -142,6 +78,7 @@ pub struct Lights {
     /// A sphere around the scene.
     center: Vec3,
     radius: f32,
+    learnt: Option<Learnt>,
 }
 
 /// The scene's light from infinity, if it has one.
@@ -225,7 +162,7 @@ impl Lights {
         let lights = found.into_iter().map(|f| f.0).collect();
         let probability = weights.iter().map(|w| *w as f32).collect();
         let center = (bounds.0 + bounds.1) * 0.5;
-        Ok(Self { lights, environment, guides, probability, alias, center, radius: radius as f32 })
+        Ok(Self { lights, environment, guides, probability, alias, center, radius: radius as f32, learnt: None })
     }
 
     fn delta(emitter: &scene::Emitter, disk: f64) -> Result<Option<(Light, f64, Guide)>, KindError> {
@@ -259,6 +196,16 @@ impl Lights {
         Ok((found.1 > 0.0).then_some(found))
     }
 
+    /// Takes over how lights are chosen.
+    pub(crate) fn adapt(&mut self, learnt: Option<Learnt>) {
+        self.learnt = learnt;
+    }
+
+    #[cfg(test)]
+    pub(crate) fn is_adapted(&self) -> bool {
+        self.learnt.is_some()
+    }
+
     /// True if there is nothing to sample.
     pub fn is_empty(&self) -> bool {
         self.lights.is_empty()
@@ -287,12 +234,33 @@ impl Lights {
         self.environment.as_ref().map(|(environment, _)| environment)
     }
 
+    /// Where points are in the grid of what is learnt: worked out once for each point, for others that differ by
+    /// rounding may be in other cells.
+    #[inline(always)]
+    pub(crate) fn cell<R: Real>(&self, p: Triple<R>) -> R {
+        match &self.learnt {
+            Some(learnt) => learnt.cell(p),
+            None => R::zero(),
+        }
+    }
+
+    /// The part of each of a few lights that arrives in cells.
+    #[inline(always)]
+    fn parts<R: Real>(&self, cell: R) -> [R; GUIDED] {
+        match &self.learnt {
+            Some(learnt) => learnt.all(cell),
+            None => [R::one(); GUIDED],
+        }
+    }
+
     /// The estimated contribution of each light to points, and the sum; for the few lights of most scenes.
     #[inline(always)]
-    fn importances<R: Real>(&self, p: Triple<R>) -> ([R; GUIDED], R) {
+    fn importances<R: Real>(&self, p: Triple<R>, parts: &[R; GUIDED]) -> ([R; GUIDED], R) {
         let (mut all, mut sum) = ([R::zero(); GUIDED], R::zero());
-        for (value, guide) in all.iter_mut().zip(&self.guides) {
-            *value = guide.importance(p);
+        for ((value, guide), part) in all.iter_mut().zip(&self.guides).zip(parts) {
+            *value = guide.importance(p) * *part;
+        }
+        for value in all.iter().take(self.lights.len()) {
             sum += *value;
         }
         (all, sum)
@@ -304,25 +272,32 @@ impl Lights {
         R::select(sum.positive() & sum.finite(), importance / sum * 0.9 + 0.1 * even, R::splat(even))
     }
 
-    /// Probability with which points pick a light.
+    /// Probability with which points in cells pick a light.
     #[inline(always)]
-    fn picked<R: Real>(&self, light: usize, p: Triple<R>) -> R {
+    fn picked<R: Real>(&self, light: usize, p: Triple<R>, cell: R) -> R {
         match self.lights.len() {
             1 => R::one(),
             2..=GUIDED => {
-                let (all, sum) = self.importances(p);
+                let (all, sum) = self.importances(p, &self.parts(cell));
                 self.share(all[light], sum)
             }
-            _ => R::splat(self.probability[light]),
+            _ => match &self.learnt {
+                Some(learnt) => learnt.probability(cell.to_integer(), R::Integer::splat(light as i32)),
+                None => R::splat(self.probability[light]),
+            },
         }
     }
 
-    /// Radiance from infinity in directions, and the density with which sampling from `from` finds them.
+    /// Radiance from infinity in directions, and the density with which sampling from `from` in `cell` finds them.
     #[inline(always)]
-    pub(crate) fn environment_look<R: Real>(&self, from: Triple<R>, direction: Triple<R>) -> (Triple<R>, R) {
+    pub(crate) fn environment_look<R: Real>(
+        &self,
+        (from, cell): (Triple<R>, R),
+        direction: Triple<R>,
+    ) -> (Triple<R>, R) {
         let Some((environment, index)) = &self.environment else { return (Triple::zero(), R::zero()) };
         let (radiance, pdf) = environment.look_lanes(direction);
-        (radiance, pdf * self.picked(*index as usize, from))
+        (radiance, pdf * self.picked(*index as usize, from, cell))
     }
 
     /// A shape's light.
@@ -334,11 +309,17 @@ impl Lights {
         }
     }
 
-    /// Density with which sampling from `from` finds points `p` of a shape's light.
+    /// Density with which sampling from `from` in `cell` finds points `p` of a shape's light.
     #[inline(always)]
-    pub(crate) fn shape_pdf<R: Real>(&self, light: u32, from: Triple<R>, p: Triple<R>, normal: Triple<R>) -> R {
+    pub(crate) fn shape_pdf<R: Real>(
+        &self,
+        light: u32,
+        (from, cell): (Triple<R>, R),
+        p: Triple<R>,
+        normal: Triple<R>,
+    ) -> R {
         let Some(shape) = self.shape(light) else { return R::zero() };
-        shape.pdf(from, p, normal) * self.picked(light as usize, from)
+        shape.pdf(from, p, normal) * self.picked(light as usize, from, cell)
     }
 
     /// Samples a light from points, in the lanes of a mask. The first number selects the light.
@@ -355,11 +336,17 @@ impl Lights {
         let pick = numbers[0].x;
         let mut arrived = Arrived::none();
         let (mut chosen, mut probability) = (R::Integer::splat(0), R::one());
-        if count > GUIDED {
+        if let (Some(learnt), true) = (&self.learnt, count > GUIDED) {
+            let cell = from.cell.to_integer();
+            chosen = learnt.draw(cell, pick);
+            probability = learnt.probability(cell, chosen);
+            arrived.expected = learnt.arrives(cell, chosen);
+        } else if count > GUIDED {
             chosen = self.alias.draw::<R>(chosen, count, pick, numbers[2].y);
             probability = R::gather(&self.probability, chosen);
         } else if count > 1 {
-            let (all, sum) = self.importances(from.p);
+            let parts = self.parts(from.cell);
+            let (all, sum) = self.importances(from.p, &parts);
             let mut below = R::zero();
             for (light, importance) in all.iter().enumerate().take(count) {
                 let share = self.share(*importance, sum);
@@ -367,6 +354,7 @@ impl Lights {
                 let own = pick.ge(below);
                 chosen = R::select_integer(own, R::Integer::splat(light as i32), chosen);
                 probability = R::select(own, share, probability);
+                arrived.expected = R::select(own, parts[light], arrived.expected);
                 below += share;
             }
         }
@@ -423,74 +411,6 @@ impl Lights {
             }
         }
     }
-}
-
-impl<R: Real> Vantage<R> {
-    /// Light from infinity.
-    #[inline(always)]
-    fn endless(&self, direction: Triple<R>, weight: Triple<R>, pdf: R, valid: R::Mask) -> Arrivals<R> {
-        let origin = offset_origins(self.p, self.error, self.normal, direction);
-        Arrivals { direction, origin, ray: direction, t_max: f32::MAX, weight, pdf, emits: R::zero(), valid }
-    }
-
-    /// Light from a point without extent.
-    #[inline(always)]
-    fn lone(&self, position: Vec3, intensity: Triple<R>) -> Arrivals<R> {
-        let end = Triple::splat(position);
-        let d = end - self.p;
-        let square = d.dot(d);
-        let direction = d * (R::one() / square.sqrt());
-        let origin = offset_origins(self.p, self.error, self.normal, direction);
-        let weight = intensity * (R::one() / square);
-        let valid = square.positive() & square.finite() & weight.some();
-        Arrivals { direction, origin, ray: end - origin, t_max: 1.0, weight, pdf: R::zero(), emits: R::zero(), valid }
-    }
-}
-
-impl<R: Real> Arrived<R> {
-    #[inline(always)]
-    fn none() -> Self {
-        Self {
-            direction: Triple::zero(),
-            origin: Triple::zero(),
-            ray: Triple::zero(),
-            t_max: R::zero(),
-            weight: Triple::zero(),
-            pdf: R::zero(),
-            emits: R::zero(),
-            valid: R::Mask::from_bits(0),
-        }
-    }
-
-    /// Takes over the lanes of a mask, which picked this light with a probability.
-    #[inline(always)]
-    fn take(&mut self, own: R::Mask, probability: R, from: Arrivals<R>) {
-        self.direction = Triple::select(own, from.direction, self.direction);
-        self.origin = Triple::select(own, from.origin, self.origin);
-        self.ray = Triple::select(own, from.ray, self.ray);
-        self.t_max = R::select(own, R::splat(from.t_max), self.t_max);
-        self.weight = Triple::select(own, from.weight * (R::one() / probability), self.weight);
-        self.pdf = R::select(own, from.pdf * probability, self.pdf);
-        self.emits = R::select(own, from.emits, self.emits);
-        self.valid = self.valid | (own & from.valid);
-    }
-}
-
-impl Guide {
-    fn point(center: Vec3, strength: f32) -> Self {
-        Self { center, square: f32::MIN_POSITIVE, strength, normal: Vec3::ZERO, far: false }
-    }
-}
-
-/// The guide of a shape of an intensity, by its extent and, if it is flat, its normal.
-fn shape_guide(forms: impl Iterator<Item = accel::Primitive>, normal: Option<Vec3>, intensity: f32) -> Guide {
-    let (low, high) =
-        forms.map(|form| form.bounds()).fold((Vec3::MAX, Vec3::MIN), |all, own| (all.0.min(own.0), all.1.max(own.1)));
-    let square = ((high - low) * 0.5).length_squared().max(f32::MIN_POSITIVE);
-    // A quarter for a surface that faces anywhere, and another for a body that is seen from all sides.
-    let seen = if normal.is_some() { 0.25 } else { 0.0625 };
-    let point = Guide::point((low + high) * 0.5, seen * intensity);
-    Guide { square: 0.25 * square, normal: normal.unwrap_or(Vec3::ZERO), ..point }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use crate::{
     accumulator::Accumulator,
     camera::Camera,
+    choices::Choices,
     dispatch::kernels,
     gbuffer::GBufferSurface,
     integrator::{Integrator, LightPaths, Plan, Which},
@@ -237,6 +238,8 @@ pub struct Setup {
     pub sampler: SamplerKind,
     /// What estimates radiance.
     pub integrator: IntegratorKind,
+    /// How lobes of `principled` materials and lights are chosen.
+    pub choices: Choices,
     /// Samples per pixel of its G-buffer, if it is to have one.
     pub gbuffer_samples: Option<u64>,
 }
@@ -245,7 +248,7 @@ impl Setup {
     /// A film, and all else as by default.
     pub fn new(film: Resolution) -> Self {
         let (sampler, integrator) = (SamplerKind::default(), IntegratorKind::default());
-        Self { film, sampler, integrator, gbuffer_samples: None }
+        Self { film, sampler, integrator, choices: Choices::default(), gbuffer_samples: None }
     }
 }
 
@@ -308,8 +311,8 @@ pub fn render_image(
     goal: Goal<'_>,
     watch: &mut dyn FnMut(Stage<'_>) -> Result<(), KindError>,
 ) -> Result<Rendered, KindError> {
-    let Setup { film, sampler, integrator, gbuffer_samples } = setup;
-    let world = World::new(scene, load)?;
+    let Setup { film, sampler, integrator, choices, gbuffer_samples } = setup;
+    let world = World::new(scene, load)?.with_choices(choices);
     let plan = SharedPlan::default();
     let on = |stream| -> Result<Renderer<'_>, KindError> {
         let renderer = Renderer::new(&world, film, stream)?;

@@ -39,7 +39,7 @@ pub fn render_samples(
     count: u64,
     take: &mut dyn FnMut(Sample) -> Result<(), KindError>,
 ) -> Result<(), KindError> {
-    let world = World::new(scene, load)?;
+    let world = World::new(scene, load)?.with_choices(setup.choices);
     let renderer = Renderer::new(&world, setup.film, stream)?;
     let renderer = renderer.with_sampler(setup.sampler).with_integrator(setup.integrator);
     (0..count).try_for_each(|index| take(sample(&renderer, (setup, stream), index)?))
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn samples_have_the_mean_of_a_rung_and_see_what_the_camera_sees() {
-        let built = scenes::room();
+        let built = scenes::everything();
         let scene = &built.scene;
         let film = Resolution::new(12, 10).expect("a film");
         let setup = Setup::new(film);
@@ -101,7 +101,7 @@ mod tests {
             Ok(())
         })
         .expect("rendered");
-        let world = World::new(scene, load).expect("a world");
+        let world = World::new(scene, load).expect("a world").with_choices(setup.choices);
         let renderer = Renderer::new(&world, film, 0).expect("a renderer");
         let mut rung = renderer.begin();
         renderer.advance(&mut rung, 5, &mut |_| Ok(())).expect("rendered");

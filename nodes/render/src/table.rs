@@ -24,7 +24,7 @@ pub(crate) const SPHERE: u32 = 2;
 pub(crate) const TURNED: u32 = 3;
 
 /// Half records, one after another.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Halves {
     records: Vec<Record>,
     len: usize,

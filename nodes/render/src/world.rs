@@ -14,8 +14,9 @@ pub use crate::placement::Sharing;
 use crate::{
     accel::{Accel, Hit},
     bsdf::{Material, Relief, ReliefOptions},
+    choices::Choices,
     geometry::{Frame, Ray},
-    lights::Lights,
+    lights::{Learnt, Lights},
     surface::{Form, IN_WORLD, Interaction, MeshAttributes, Shape, derivatives, interact, tangent_frame},
     table::{DARK, DISK, SPHERE, TRIANGLE, TURNED, Table},
     texels::Texels,
@@ -222,6 +223,15 @@ impl World {
             features,
             dropped,
         })
+    }
+
+    /// The same, with lobes and lights chosen in this way; without this, it is [`Choices::Fixed`].
+    #[must_use]
+    pub fn with_choices(mut self, choices: Choices) -> Self {
+        self.materials.iter_mut().for_each(|used| used.material.set_choices(choices));
+        let learnt = (choices == Choices::Adapted).then(|| Learnt::of(&self)).flatten();
+        self.lights.adapt(learnt);
+        self
     }
 
     /// Number of primitives; of a mesh that shapes share, once for each shape.

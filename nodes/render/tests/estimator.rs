@@ -8,10 +8,16 @@ use tauflow_data::{
     Image,
     scene::{Bsdf, Emitter, Geometry, IDENTITY, Texture},
 };
-use tauflow_render::{accumulator::Accumulator, integrator::Strategy, render::Renderer, world::World};
+use tauflow_render::{
+    accumulator::Accumulator, choices::Choices, integrator::Strategy, render::Renderer, world::World,
+};
 
-fn render(built: &Built, side: u32, spp: u64, strategy: Strategy) -> Accumulator {
+/// How light is found, and how lobes and lights are chosen.
+type Way = (Strategy, Choices);
+
+fn render(built: &Built, side: u32, spp: u64, (strategy, choices): Way) -> Accumulator {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+    let world = world.with_choices(choices);
     let renderer = Renderer::new(&world, film(side, side), 0).expect("a sound film").with_integrator(strategy);
     let mut film = renderer.begin();
     renderer.advance(&mut film, spp, &mut |_| Ok(())).expect("nothing stops it");
@@ -35,7 +41,15 @@ fn assert_mean(name: &str, film: &Accumulator, expected: f64) {
     assert!(error < 0.05 * expected, "{name}: too few samples to say anything, {error} of {expected}");
 }
 
-const ALL: [Strategy; 3] = [Strategy::Mis, Strategy::LightsOnly, Strategy::ScatteringOnly];
+const MIS: Way = (Strategy::Mis, Choices::Adapted);
+const ALL: [Way; 6] = [
+    MIS,
+    (Strategy::LightsOnly, Choices::Adapted),
+    (Strategy::ScatteringOnly, Choices::Adapted),
+    (Strategy::Mis, Choices::Fixed),
+    (Strategy::LightsOnly, Choices::Fixed),
+    (Strategy::ScatteringOnly, Choices::Fixed),
+];
 
 #[test]
 fn white_furnace() {
@@ -52,7 +66,7 @@ fn white_furnace() {
         let mut facets = ball(12);
         facets.normals = None;
         built.mesh(&facets, IDENTITY, white);
-        assert_mean("faceted furnace", &render(&built, 16, 256, Strategy::Mis), 1.0);
+        assert_mean("faceted furnace", &render(&built, 16, 256, MIS), 1.0);
     }
     // In a concave one each order of reflection fills in what the last left out.
     let mut built = Built::new([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], 40.0, 400);
@@ -60,7 +74,7 @@ fn white_furnace() {
     built.sphere([-0.6, 0.0, 0.0], 0.7, white);
     built.sphere([0.6, 0.2, 0.0], 0.7, white);
     built.sky([1.0; 3]);
-    assert_mean("concave furnace", &render(&built, 16, 256, Strategy::Mis), 1.0);
+    assert_mean("concave furnace", &render(&built, 16, 256, MIS), 1.0);
 }
 
 #[test]
@@ -79,7 +93,7 @@ fn a_glowing_shell_sums_its_reflections() {
         let shell = built.shape(Geometry::Cube, IDENTITY, wall);
         shell.emission = Some(Texture::scalar(0.5));
         shell.flip_normals = true;
-        assert_mean(&format!("cube {depth}"), &render(&built, 16, 256, Strategy::Mis), expected);
+        assert_mean(&format!("cube {depth}"), &render(&built, 16, 256, MIS), expected);
     }
 }
 
@@ -109,7 +123,7 @@ fn direct_light_has_its_closed_form() {
         assert_mean("sphere", &render(&sphere, 8, 4096, strategy), expect(PI * 3.0 * 0.09));
     }
     // The inscribed ball is smaller by up to (pi / 96)^2 / 2 in radius.
-    let (mean, error) = estimate(&render(&faceted, 8, 4096, Strategy::Mis), 0);
+    let (mean, error) = estimate(&render(&faceted, 8, 4096, MIS), 0);
     let ratio = mean / expect(PI * 3.0 * 0.09);
     assert!((0.997 - 5.0 * error..1.0 + 5.0 * error).contains(&ratio), "faceted sphere: {ratio}");
 }
@@ -133,6 +147,35 @@ fn a_choice_between_sky_and_lamps_adds_up() {
     }
     for strategy in ALL {
         assert_mean("sky and lamps", &render(&built, 16, 8192, strategy), 0.5 * (share + lamps));
+    }
+}
+
+#[test]
+fn adapted_choices_find_the_same_light_with_less_variance() {
+    // Two lamps, of which a wall hides one from what is seen, and a sky that it hides in part.
+    let mut built = Built::new([3.0, 4.0, 0.1], [3.0, 0.0, 0.0], 40.0, 6);
+    let grey = built.diffuse([0.5; 3]);
+    built.shape(Geometry::Rectangle, level(8.0, [0.0; 3], true), grey);
+    let wall = columns([0.0, 0.0, 8.0], [0.0, 6.0, 0.0], [1.0, 0.0, 0.0], [1.0, 6.0, 0.0]);
+    built.shape(Geometry::Rectangle, wall, grey);
+    for (x, radiance) in [(0.5, 60.0), (5.5, 2.0)] {
+        let place = level(0.3, [x, 2.0, 0.0], false);
+        built.shape(Geometry::Rectangle, place, grey).emission = Some(Texture::scalar(radiance));
+    }
+    for sky in [false, true] {
+        if sky {
+            built.sky([0.05; 3]);
+        }
+        let of = |choices| render(&built, 24, 1024, (Strategy::Mis, choices));
+        let ((a, fixed), (b, adapted)) = (estimate(&of(Choices::Fixed), 0), estimate(&of(Choices::Adapted), 0));
+        println!("sky {sky}: {a:.5} +- {fixed:.5}, {b:.5} +- {adapted:.5}");
+        assert!((a - b).abs() < 4.5 * (fixed * fixed + adapted * adapted).sqrt(), "sky {sky}: {a} {b}");
+        assert!(adapted * adapted * 1.5 < fixed * fixed, "sky {sky}: {fixed} {adapted}");
+        // Where weights of scattering and of lights do not add up to 1, these differ.
+        for strategy in [Strategy::LightsOnly, Strategy::ScatteringOnly] {
+            let (c, error) = estimate(&render(&built, 24, 4096, (strategy, Choices::Adapted)), 0);
+            assert!((b - c).abs() < 4.5 * (error * error + adapted * adapted).sqrt(), "sky {sky}: {b} {c} +- {error}");
+        }
     }
 }
 
@@ -169,15 +212,15 @@ fn lights_without_extent_have_their_closed_form() {
     for (emitter, irradiance) in emitters {
         let mut built = floor_point();
         built.scene.emitters.push(emitter.clone());
-        assert_mean(&format!("{emitter:?}"), &render(&built, 4, 16, Strategy::Mis), 0.5 / PI * irradiance);
+        assert_mean(&format!("{emitter:?}"), &render(&built, 4, 16, MIS), 0.5 / PI * irradiance);
         // Halved by a second light of another sort, whose choice is random.
         built.sky([0.3; 3]);
-        assert_mean("with a sky", &render(&built, 8, 2048, Strategy::Mis), 0.5 / PI * irradiance + 0.5 * 0.3);
+        assert_mean("with a sky", &render(&built, 8, 2048, MIS), 0.5 / PI * irradiance + 0.5 * 0.3);
         // And black in the shadow of a disk.
         built.scene.emitters.truncate(1);
         built.shape(Geometry::Disk, level(0.9, [0.2, 0.5, 0.0], true), 0);
         built.scene.camera.origin = [0.0, 0.1, 2.0];
-        let film = render(&built, 4, 16, Strategy::Mis);
+        let film = render(&built, 4, 16, MIS);
         assert_eq!(estimate(&film, 0).0, 0.0, "{emitter:?}");
     }
 }
@@ -216,7 +259,7 @@ fn opacity_lets_its_share_through() {
         );
     }
     built.sky([1.0; 3]);
-    assert_mean("two sheets", &render(&built, 16, 256, Strategy::Mis), 0.49);
+    assert_mean("two sheets", &render(&built, 16, 256, MIS), 0.49);
     // The shadow of such a sheet, from lights that only shadow rays find and from lights that both find.
     for emitter in [
         Emitter::Directional { direction: [0.0, -1.0, 0.0], irradiance: [1.0; 3] },
@@ -228,7 +271,7 @@ fn opacity_lets_its_share_through() {
         built.shape(Geometry::Rectangle, level(0.2, [0.0, 0.3, 0.0], true), sheet);
         built.shape(Geometry::Rectangle, level(0.2, [0.0, 0.4, 0.0], true), sheet);
         built.scene.emitters.push(emitter);
-        assert_mean("shadow", &render(&built, 4, 64, Strategy::Mis), 0.5 / PI * 0.49);
+        assert_mean("shadow", &render(&built, 4, 64, MIS), 0.5 / PI * 0.49);
     }
     let mut built = floor_point();
     let inner = Box::new(Bsdf::Diffuse { reflectance: Texture::scalar(0.0) });
@@ -253,7 +296,7 @@ fn emission_by_vertex_colours_is_that_of_the_colour() {
         built.mesh(&lamp, place, black).emission = Some(emission);
         // Seen, too.
         built.scene.camera.fov_x = 60.0;
-        render(&built, 16, 64, Strategy::Mis)
+        render(&built, 16, 64, MIS)
     };
     let colored = lit(Texture::VertexColor { scale: [3.0; 3], channel: None });
     let plain = lit(Texture::scalar(1.5));
@@ -271,8 +314,8 @@ fn a_lamp_with_holes_is_found_alike_by_light_and_by_scattering() {
     let opacity = Texture::Checkerboard { color0: [1.0; 3], color1: [0.2; 3], scale: [6.0, 5.0] };
     let holes = built.material(Bsdf::Mask { opacity, inner });
     built.sphere([0.2, 0.9, 0.1], 0.4, holes).emission = Some(Texture::scalar(2.0));
-    let [both, lights, scattering] = ALL.map(|strategy| estimate(&render(&built, 8, 4096, strategy), 0));
-    for other in [lights, scattering] {
+    let [both, others @ ..] = ALL.map(|way| estimate(&render(&built, 8, 4096, way), 0));
+    for other in others {
         let deviation = (both.0 - other.0) / (both.1 * both.1 + other.1 * other.1).sqrt();
         assert!(deviation.abs() < 4.5 && both.1 < 0.01 * both.0, "{both:?} {other:?}");
     }
@@ -328,11 +371,11 @@ fn scenes_that_cannot_be_rendered_are_refused_and_poor_ones_repaired() {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("still a scene");
     assert_eq!(world.dropped.not_finite, 6);
     assert!(world.dropped.degenerate >= 16, "a pole of {:?}", world.dropped);
-    render(&built, 8, 4, Strategy::Mis);
+    render(&built, 8, 4, MIS);
     // Nothing at all is black, and an emitter of 0 is no light.
     let mut empty = Built::new([0.0; 3], [1.0, 0.0, 0.0], 40.0, 4);
-    assert_eq!(estimate(&render(&empty, 4, 2, Strategy::Mis), 0).0, 0.0);
+    assert_eq!(estimate(&render(&empty, 4, 2, MIS), 0).0, 0.0);
     let black = empty.diffuse([0.0; 3]);
     empty.sphere([3.0, 0.0, 0.0], 1.0, black).emission = Some(Texture::scalar(0.0));
-    assert_eq!(estimate(&render(&empty, 4, 2, Strategy::Mis), 0).0, 0.0);
+    assert_eq!(estimate(&render(&empty, 4, 2, MIS), 0).0, 0.0);
 }

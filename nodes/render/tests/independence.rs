@@ -2,8 +2,8 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, film, room};
-use tauflow_render::{render::Renderer, world::World};
+use scenes::{Built, balls_under_sky, everything, film, room};
+use tauflow_render::{choices::Choices, render::Renderer, world::World};
 
 const SIDE: usize = 16;
 const COUNT: usize = 1024;
@@ -11,6 +11,7 @@ const COUNT: usize = 1024;
 /// Luminance-like sums of each sample of each pixel, less the pixel's mean and over its deviation.
 fn samples(built: &Built) -> Vec<Vec<f64>> {
     let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+    let world = world.with_choices(Choices::default());
     let renderer = Renderer::new(&world, film(SIDE as u32, SIDE as u32), 0).expect("a film");
     let mut film = renderer.begin();
     let mut all = vec![Vec::new(); SIDE * SIDE];
@@ -40,7 +41,7 @@ fn deviation(sum: f64, count: usize) -> f64 {
 
 #[test]
 fn samples_and_pixels_are_independent() {
-    for (name, built) in [("balls under a sky", balls_under_sky()), ("room", room())] {
+    for (name, built) in [("balls under a sky", balls_under_sky()), ("room", room()), ("everything", everything())] {
         let pixels = samples(&built);
         assert!(pixels.len() > 100, "{name}: {} pixels with noise", pixels.len());
         // Samples of a pixel, at several distances: the covariance of disjoint blocks is the sum of such.

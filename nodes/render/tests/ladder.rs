@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use scenes::{Built, balls_under_sky, columns, film, level, recipe, room};
+use scenes::{Built, balls_under_sky, columns, everything, film, level, recipe, room};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{
@@ -11,7 +11,7 @@ use std::{
     },
 };
 use tauflow_contract::{
-    Action, Artifact, Blobs, Context, Digest, Kind, KindError, Media, MemoKey, MemoryBlobs, Progress, Silent,
+    Action, Artifact, Blobs, Context, Digest, Kind, KindError, Media, MemoKey, MemoryBlobs, Progress, Silent, leave_out,
 };
 use tauflow_data::{
     Image, Rungs,
@@ -19,6 +19,7 @@ use tauflow_data::{
     scene::{Bsdf, Geometry, Texture},
 };
 use tauflow_render::{
+    choices::Choices,
     gbuffer::GBufferSurface,
     ladder_rendering::{LadderRendering, LadderRenderingParams},
     render::{Goal, Rendered, Renderer, Setup, render_image},
@@ -167,13 +168,14 @@ fn variances_are_those_of_ladders_that_end_there_and_their_samples_are_not_rende
 
 #[test]
 fn threads_change_no_bit() {
-    for built in [balls_under_sky(), room()] {
-        let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+    for built in [balls_under_sky(), room(), everything()] {
         let films: Vec<_> = [1, 2, 4, 7]
             .into_iter()
             .map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                 pool.install(|| {
+                    let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+                    let world = world.with_choices(Choices::default());
                     let renderer = Renderer::new(&world, film(33, 21), 0).expect("a film");
                     let mut film = renderer.begin();
                     renderer.advance(&mut film, 9, &mut |_| Ok(())).expect("nothing stops it");
@@ -198,6 +200,50 @@ fn streams_are_independent_and_resolutions_apart() {
     let mut reseeded = built;
     reseeded.scene.seed += 1;
     assert_ne!(rung(&run(&blobs, &Silent, &reseeded, dyadic(4), "ladder"), 4), rung(&base, 4));
+}
+
+#[test]
+fn ladders_of_other_choices_are_kept_apart() {
+    let mut built = balls_under_sky();
+    built.scene.materials.fill(Bsdf::Principled {
+        base_color: Texture::scalar(0.4),
+        metallic: Texture::scalar(0.0),
+        roughness: Texture::scalar(0.5),
+        specular: 0.5,
+        spec_trans: Texture::scalar(0.0),
+        clearcoat: 0.0,
+        clearcoat_gloss: 0.0,
+    });
+    let of = |choices| LadderRenderingParams { choices, ..dyadic(64) };
+    let both = [Choices::Fixed, Choices::Adapted].map(of);
+    let shared = MemoryBlobs::default();
+    let ladders = both.clone().map(|params| run(&shared, &Silent, &built, params, "ladder"));
+    for (params, ladder) in both.iter().zip(&ladders) {
+        assert_eq!(*ladder, run(&MemoryBlobs::default(), &Silent, &built, params.clone(), "ladder"));
+    }
+    assert_ne!(rung(&ladders[0], 64), rung(&ladders[1], 64));
+    // A G-buffer draws no lobes of `principled`, and no lights.
+    for built in [&built, &everything()] {
+        for surface in [GBufferSurface::First, GBufferSurface::Rough] {
+            let gbuffers = [Choices::Fixed, Choices::Adapted].map(|choices| {
+                let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+                let world = world.with_choices(choices);
+                let renderer = Renderer::new(&world, film(16, 12), 0).expect("a film");
+                renderer.gbuffer((0, surface), 8, &mut |_| Ok(())).expect("nothing stops it")
+            });
+            assert_eq!(gbuffers[0], gbuffers[1], "{surface:?}");
+        }
+    }
+    // Keys of before the param stay, and only what depends on it has others.
+    for (group, depends) in [("ladder", true), ("variances", true), ("timing", true), ("gbuffer", false)] {
+        let [before, now] = both.clone().map(|params| {
+            let mut keyed = LadderRendering::project(&params, None, group);
+            leave_out(&mut keyed, LadderRendering::later());
+            keyed
+        });
+        assert_eq!(before.get("choices"), None, "{group}");
+        assert_eq!(now.get("choices").is_some(), depends, "{group}");
+    }
 }
 
 #[test]

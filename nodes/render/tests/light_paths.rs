@@ -10,6 +10,7 @@ use tauflow_data::{
 };
 use tauflow_render::{
     accumulator::Accumulator,
+    choices::Choices,
     integrator::{Integrator, Path},
     render::Renderer,
     world::World,
@@ -23,7 +24,8 @@ fn joined() -> Integrator {
 }
 
 fn world(built: &Built) -> World {
-    World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene")
+    let world = World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene");
+    world.with_choices(Choices::default())
 }
 
 fn render(built: &Built, integrator: Integrator, stream: u64, spp: u64) -> Accumulator {
@@ -268,6 +270,103 @@ fn what_shines_through_a_dome_has_its_closed_form() {
             assert!(error > 0.0 && error < 0.02, "{integrator:?}, block {number}: {error} says nothing");
         }
     }
+}
+
+/// Asserts that the mean of green over the whole image is `expected`, and that its standard error is below 1%.
+fn assert_whole(name: &str, film: &Accumulator, expected: f64) {
+    let blocks = (SIDE / BLOCK) * (SIDE / BLOCK);
+    let (mut mean, mut square) = (0.0, 0.0);
+    for number in 0..blocks {
+        let (own, error) = block(film, number, 1);
+        (mean, square) = (mean + own / blocks as f64, square + error / (blocks * blocks) as f64);
+    }
+    let error = square.sqrt();
+    println!("{name}: {mean:.6} +- {error:.6}, expected {expected:.6}");
+    assert!((mean - expected).abs() < 4.5 * error + 1e-5 * expected, "{name}: {mean} +- {error}, expected {expected}");
+    assert!(error < 0.01 * expected, "{name}: {error} of {expected} says nothing");
+}
+
+#[test]
+fn a_concave_white_body_under_a_white_sky_is_not_seen() {
+    let mut built = Built::new([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], 40.0, 400);
+    let white = built.diffuse([1.0; 3]);
+    built.sphere([-0.6, 0.0, 0.0], 0.7, white);
+    built.sphere([0.6, 0.2, 0.0], 0.7, white);
+    built.sky([1.0; 3]);
+    for integrator in [joined(), Integrator::LightTracing] {
+        assert_whole(&format!("furnace, {integrator:?}"), &render(&built, integrator, 0, 512), 1.0);
+    }
+}
+
+#[test]
+fn a_mirror_lights_a_floor_as_the_lamps_image_does() {
+    // A lamp of two sides over a floor of albedo 1/2, and a mirror of half the light above it. The lamp stands aside,
+    // and hides nothing of the light from its image, which is at twice the mirror's height less the lamp's own.
+    const ALBEDO: f64 = 0.5;
+    const RADIANCE: f64 = 50.0;
+    const EYE: f64 = 0.4;
+    let (r, h, top, aside) = (0.25f64, 1.0f64, 2.0f64, 0.8f64);
+    let mut built = Built::new([0.0, EYE, 0.0], [0.0, 0.0, 1e-3], 50.0, 3);
+    let floor = built.diffuse([ALBEDO as f32; 3]);
+    built.shape(Geometry::Disk, level(0.3, [0.0; 3], true), floor);
+    for up in [false, true] {
+        let place = level(r, [aside, if up { h + 1e-3 } else { h }, 0.0], up);
+        built.shape(Geometry::Disk, place, floor).emission = Some(Texture::scalar(RADIANCE as f32));
+    }
+    let mirror = Bsdf::Conductor { eta: [0.0; 3], k: [1.0; 3], alpha: 0.0, specular_reflectance: Texture::scalar(0.5) };
+    let mirror = built.material(Bsdf::TwoSided { inner: Box::new(mirror) });
+    built.shape(Geometry::Rectangle, level(3.0, [0.0, top, 0.0], false), mirror);
+    // The form factor of a parallel disk from aside, and its mean over the square of the floor that the camera sees.
+    let factor = |height: f64, square: f64| {
+        let (d2, r2) = (height * height + square, r * r);
+        0.5 * (1.0 - (d2 - r2) / ((d2 + r2).powi(2) - 4.0 * r2 * square).sqrt())
+    };
+    let half = EYE * libm::tan(25f64.to_radians());
+    // A ray to the image passes the lamp's height at a third of the way, twice as far from its axis as from the floor's
+    // point less a third of the image's radius.
+    assert!(aside - half > 2.0 * r, "the lamp hides a part of its image");
+    let steps: Vec<f64> = (0..64).map(|k| half * ((f64::from(k) + 0.5) / 32.0 - 1.0)).collect();
+    let squares = steps.iter().flat_map(|x| steps.iter().map(move |z| (x - aside).powi(2) + z * z));
+    let mean = |height: f64| squares.clone().map(|square| factor(height, square)).sum::<f64>() / 4096.0;
+    let expected = ALBEDO * RADIANCE * (mean(h) + 0.5 * mean(2.0 * top - h - 1e-3));
+    let (alone, both) = (render(&built, Integrator::default(), 0, 4096), render(&built, joined(), 0, 4096));
+    assert_whole("mirror, paths from the camera", &alone, expected);
+    assert_whole("mirror, light paths, too", &both, expected);
+    assert!(alone != both, "light paths take part");
+}
+
+#[test]
+fn a_slab_of_glass_lets_its_share_of_a_sun_through() {
+    // Paths from the camera cannot find a sun behind glass, and light paths beside them leave it out. Alone, they find
+    // it: what all reflections inside let through is (1 - R) / (1 + R), R by Fresnel's equations in f64.
+    const ALBEDO: f64 = 0.5;
+    const INDEX: f64 = 1.5;
+    let mut built = Built::new([0.0, 0.4, 0.0], [0.0, 0.0, 1e-3], 50.0, 40);
+    let floor = built.diffuse([ALBEDO as f32; 3]);
+    built.shape(Geometry::Disk, level(0.4, [0.0; 3], true), floor);
+    let glass = built.material(Bsdf::Dielectric {
+        int_ior: INDEX as f32,
+        ext_ior: 1.0,
+        alpha: 0.0,
+        specular_reflectance: Texture::scalar(1.0),
+        specular_transmittance: Texture::scalar(1.0),
+    });
+    let slab = columns([1.2, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.0, 1.2], [0.0, 1.0, 0.0]);
+    built.shape(Geometry::Cube, slab, glass);
+    let irradiance = 3.0;
+    built.scene.emitters.push(Emitter::Directional { direction: [0.6, -1.0, 0.2], irradiance: [irradiance as f32; 3] });
+    let cos = 1.0 / (0.6f64 * 0.6 + 1.0 + 0.2 * 0.2).sqrt();
+    let inside = (1.0 - (1.0 - cos * cos) / (INDEX * INDEX)).sqrt();
+    let across = (cos - INDEX * inside) / (cos + INDEX * inside);
+    let along = (INDEX * cos - inside) / (INDEX * cos + inside);
+    let reflected = 0.5 * (across * across + along * along);
+    let direct = ALBEDO / std::f64::consts::PI * irradiance * cos * (1.0 - reflected) / (1.0 + reflected);
+    // The slab mirrors the floor, 1.9 m away from it, nearly upright: both faces reflect 2 R / (1 + R) together.
+    let upright = ((INDEX - 1.0) / (INDEX + 1.0)).powi(2);
+    let again = ALBEDO * 0.16 / (0.16 + 1.9 * 1.9) * 2.0 * upright / (1.0 + upright);
+    assert_whole("slab", &render(&built, Integrator::LightTracing, 0, 2048), direct * (1.0 + again));
+    let dark = |integrator: Integrator| render(&built, integrator, 0, 16).pixels.iter().all(|of| of.sum == [0.0; 3]);
+    assert!(dark(Integrator::default()) && dark(joined()));
 }
 
 #[test]

@@ -296,13 +296,14 @@ fn few_pixels_and_dark_images_are_not_taken_for_accurate() {
 fn params_that_came_later_leave_keys_as_they_were() {
     let row = KindRow::<LadderRendering>::new();
     let keyed = |more: Value| {
-        let mut params = json!({ "rungs": [1, 2], "resolution": [16, 12] });
+        let mut params = json!({ "rungs": [1, 2], "resolution": [16, 12], "choices": "fixed" });
         params.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
         row.projection(&row.resolve(&params).expect("sound params"))(None, "ladder")
     };
     let before = json!({ "rungs": [1, 2], "resolution": [16, 12], "stream": 0, "sampler": "independent" });
     assert_eq!(keyed(json!({})), before);
     assert_eq!(keyed(json!({ "integrator": "path", "until": null })), before);
+    assert_eq!(keyed(json!({ "choices": "adapted" }))["choices"], "adapted");
     assert_eq!(keyed(json!({ "integrator": "bidirectional" }))["integrator"], "bidirectional");
     let until = |paths: u64, samples: u64| {
         let until = json!({ "relative_error": 0.1, "at_most": 64, "paths": paths, "samples": samples });

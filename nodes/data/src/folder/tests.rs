@@ -38,7 +38,7 @@ fn collection(ctx: &Context<'_>, rungs: u64) -> Collection {
 
 fn export(ctx: &Context<'_>, of: &Collection, path: &Path) -> Manifest {
     let mut out = DiskFolder::new(path);
-    begin(&out).expect("a folder that can be written");
+    begin(&out);
     let items = of.iter().map(|(item, artifact)| export_item(ctx, item, artifact, &out).expect("whole"));
     let manifest = Manifest { node: "n".into(), items: items.collect(), ..Manifest::default() };
     finish(&mut out, &manifest).expect("a folder that can be written");
@@ -93,10 +93,15 @@ fn a_manifest_stands_for_a_whole_export_alone() {
         let items = collection(ctx, 1);
         export(ctx, &items, path);
         let out = DiskFolder::new(path);
-        begin(&out).expect("a folder that can be written");
+        begin(&out);
         let item = key("new");
         let lost = Artifact::blob(Exposure::NAME, Digest::of(b"never stored"));
+        // An export that fails before its first file changes nothing in the folder.
         assert!(matches!(export_item(ctx, &item, &lost, &out), Err(KindError::MissingBlob(_))));
+        assert_eq!(import_items(ctx, &DiskFolder::new(path)).expect("still whole"), items);
+        // Once a file is written, the earlier manifest is gone.
+        let (first, artifact) = items.iter().next().expect("an item");
+        export_item(ctx, first, artifact, &out).expect("whole");
         assert!(!path.join(MANIFEST).exists());
         let error = import_items(ctx, &out).expect_err("no manifest").to_string();
         assert!(error.contains(MANIFEST), "{error}");
@@ -230,7 +235,7 @@ fn the_space_and_exposure_of_images_are_named_and_raw_radiance_can_be_asked_for(
         };
         let export = |radiance: Radiance| {
             let out = DiskFolder::new(path).with_radiance(radiance);
-            begin(&out).expect("a folder that can be written");
+            begin(&out);
             let items: Result<Vec<_>, _> = items.iter().map(|(item, of)| export_item(ctx, item, of, &out)).collect();
             finish(&mut DiskFolder::new(path), &Manifest { items: items?, ..Manifest::default() })
         };

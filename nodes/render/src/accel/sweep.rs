@@ -193,7 +193,7 @@ impl Accel {
             flights.resize_with(TURNS, Flight::default);
         }
         let mut pending = std::mem::take(&mut memory.pending);
-        // Those that are on their way come first.
+        // Rays that have begun come first.
         let mut order: [usize; TURNS] = std::array::from_fn(|k| k);
         let mut live = 0;
         loop {

@@ -16,6 +16,7 @@ use super::{
 };
 use crate::{
     bounds,
+    choices::Choices,
     lanes::{Real, Triple},
     texture::{LoadBitmap, Texture},
 };
@@ -120,6 +121,7 @@ impl Material {
                 eta: principled::index(bounds::level(*specular, "specular")?),
                 clearcoat: bounds::level(*clearcoat, "clearcoat")?,
                 clearcoat_gloss: bounds::level(*clearcoat_gloss, "clearcoat_gloss")?,
+                choices: Choices::Fixed,
             })),
             scene::Bsdf::Mask { opacity, inner } => {
                 let mut material = Self::compile(inner, load)?;
@@ -230,6 +232,11 @@ impl Material {
         self.layers.iter().any(Layer::specular)
     }
 
+    /// Whether light may cross it by a lobe that lights can be sampled for.
+    pub(crate) fn transmits(&self) -> bool {
+        self.layers.iter().any(Layer::transmits)
+    }
+
     /// Its scattering at a point.
     pub fn at(&self, s: &Surface) -> Bsdf<'_> {
         Bsdf { material: self, at: s.into() }
@@ -239,6 +246,11 @@ impl Material {
     #[inline(always)]
     pub(crate) fn is_two_sided(&self) -> bool {
         self.two_sided || (self.layers.len() == 1 && self.layers[0].two_sided)
+    }
+
+    /// Chooses the lobes of its `principled` layers in this way.
+    pub(crate) fn set_choices(&mut self, choices: Choices) {
+        self.layers.iter_mut().for_each(|layer| layer.set_choices(choices));
     }
 
     /// Leaves it to the kernel that shades everything.

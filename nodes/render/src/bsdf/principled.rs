@@ -8,7 +8,10 @@ use super::{
     glass::facet,
     local::{reflect, refract},
 };
-use crate::lanes::{Mask, Pair, Real, Triple};
+use crate::{
+    choices::Choices,
+    lanes::{Mask, Pair, Real, Triple},
+};
 
 const PI: f32 = std::f32::consts::PI;
 
@@ -24,7 +27,14 @@ pub(crate) struct Principled<R> {
     pub(crate) eta: f32,
     /// Whether light may cross anywhere: what cannot, is not worked out.
     pub(crate) clear: bool,
+    pub(crate) choices: Choices,
 }
+
+/// Share of the highlight at least, before the shares are scaled to a sum of 1.
+const LEAST_HIGHLIGHT: f32 = 0.05;
+
+/// Reflectance of the coat where light falls on it straight.
+const COAT: f32 = 0.04;
 
 /// Probabilities of the lobes.
 struct Shares<R> {
@@ -68,8 +78,17 @@ impl<R: Real> Principled<R> {
         let (opaque, clear) = self.bases();
         let one = R::one();
         let transmit = clear * (one - f);
-        let reflect = R::select(front, one - transmit, clear * f);
-        let coat = R::splat(0.25 * self.clearcoat).only(front);
+        let (outside, coat) = match self.choices {
+            Choices::Fixed => (one - transmit, R::splat(0.25 * self.clearcoat)),
+            Choices::Adapted => {
+                // A metal reflects about its colour.
+                let metal = self.metallic * self.base.largest();
+                let highlight = (one - self.metallic) * f + metal;
+                (highlight.max(R::splat(LEAST_HIGHLIGHT)), f.max(R::splat(COAT)) * (0.25 * self.clearcoat))
+            }
+        };
+        let reflect = R::select(front, outside, clear * f);
+        let coat = coat.only(front);
         let diffuse = (opaque * self.base.largest().clamp(0.1, 1.0)).only(front);
         let sum = reflect + transmit + coat + diffuse;
         let scale = (one / sum).only(sum.positive());
@@ -103,7 +122,7 @@ impl<R: Real> Principled<R> {
         let spread = R::splat(0.25) / facet.i.abs();
         let mut pdf = (density * kept * spread).only(reflected);
         if self.clearcoat > 0.0 {
-            let coat = fresnel::schlick(Triple::all(R::splat(0.04)), facet.o, self.eta).x;
+            let coat = fresnel::schlick(Triple::all(R::splat(COAT)), facet.o, self.eta).x;
             let smith = Ggx { alpha: R::splat(0.25) }.g(wo, wi, facet.m);
             let gtr = self.coat().d(facet.m);
             let amount = coat * (0.25 * self.clearcoat) * gtr * smith * wi.z.abs();

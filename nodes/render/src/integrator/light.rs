@@ -325,7 +325,7 @@ impl Vertex<'_> {
 }
 
 /// The share of light that reaches the end of a ray.
-fn reaches(world: &World, ray: Ray) -> f32 {
+pub(crate) fn reaches(world: &World, ray: Ray) -> f32 {
     if !world.features.opacity {
         return if world.accel.occluded(&ray) { 0.0 } else { 1.0 };
     }

@@ -1,6 +1,7 @@
 use super::{Integrator, Path, Strategy, first_solid};
 use crate::{
     accumulator::Accumulator,
+    choices::Choices,
     render::Renderer,
     rng::{Sampler, render_state},
     scenes::{Built, ball, balls_under_sky, columns, copies, everything, film, level, room},
@@ -18,13 +19,26 @@ fn world(built: &Built) -> World {
     World::new(&built.scene, &mut |digest| built.load(digest)).expect("a sound scene")
 }
 
+/// A room of a dozen lamps more.
+fn many_lamps() -> Built {
+    let mut built = room();
+    for at in 0..12 {
+        let place = level(0.05, [0.1 * f64::from(at) - 0.6, 1.2, 0.3], false);
+        built.shape(Geometry::Rectangle, place, 0).emission = Some(Texture::scalar(at as f32));
+    }
+    built
+}
+
 #[test]
 fn every_set_of_instructions_has_the_same_bits() {
     tauflow_testing::skip_missing_instructions(Instructions::available().into_iter().map(Instructions::name));
     let shared = World::with_sharing(&copies().scene, &mut |digest| copies().load(digest), Sharing::Always);
     let shared = shared.expect("a sound scene");
     assert!(shared.placed_count() > 15 && shared.features.opacity && shared.features.normal_maps);
-    for world in [world(&balls_under_sky()), world(&room()), world(&everything()), world(&copies()), shared] {
+    let adapted = [everything(), copies(), many_lamps()].map(|built| world(&built).with_choices(Choices::Adapted));
+    assert!(adapted.iter().all(|world| world.lights.is_adapted()) && adapted[2].lights.shapes().count() > 10);
+    let fixed = [world(&balls_under_sky()), world(&room()), world(&everything()), world(&copies()), shared];
+    for world in fixed.into_iter().chain(adapted) {
         let films: Vec<_> = Instructions::available()
             .into_iter()
             .map(|instructions| {
@@ -110,6 +124,34 @@ fn square_error(a: &Accumulator, b: &Accumulator) -> f64 {
     let (a, b) = (a.mean(), b.mean());
     let pairs = a.data().iter().zip(b.data());
     pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.data().len() as f64
+}
+
+#[test]
+fn adapted_choices_of_lobes_find_the_same_image_with_less_error() {
+    let mut built = balls_under_sky();
+    for bsdf in &mut built.scene.materials {
+        *bsdf = Bsdf::Principled {
+            base_color: Texture::rgb([0.5, 0.4, 0.3]),
+            metallic: Texture::scalar(0.0),
+            roughness: Texture::scalar(0.5),
+            specular: 0.5,
+            spec_trans: Texture::scalar(0.0),
+            clearcoat: 0.5,
+            clearcoat_gloss: 0.5,
+        };
+    }
+    let render = |choices| {
+        let world = world(&built).with_choices(choices);
+        let renderer = Renderer::new(&world, film(24, 24), 0).expect("a film");
+        let mut film = renderer.begin();
+        renderer.advance(&mut film, 512, &mut |_| Ok(())).expect("nothing stops it");
+        let of = |f: fn(&crate::accumulator::Pixel) -> f64| film.pixels.iter().map(f).sum::<f64>() / 512.0;
+        (of(|pixel| pixel.sum[1]), of(|pixel| pixel.m2[1]))
+    };
+    let ((fixed, spread), (adapted, less)) = (render(Choices::Fixed), render(Choices::Adapted));
+    let error = ((spread + less) / 512.0).sqrt();
+    assert!((fixed - adapted).abs() < 4.5 * error, "{fixed} {adapted} +- {error}");
+    assert!(less * 1.15 < spread, "{less} {spread}");
 }
 
 #[test]

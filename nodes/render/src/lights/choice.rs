@@ -1,4 +1,5 @@
-//! One of several samples of lights, by what they would bring to a surface if nothing stood in between.
+//! One of several samples of lights, by what they would bring to a surface if nothing stood in between, times the part
+//! that is expected to arrive.
 //!
 //! Resampled importance sampling (Talbot, Cline, Egbert 2005): candidates are kept in proportion to their brightness
 //! times the cosine at the surface, and the one that is kept weighs as much as all did on average. Only it gets a
@@ -33,7 +34,8 @@ impl<R: Real> Choice<R> {
     /// Considers a candidate at a surface that reflects on the side of a normal only, by a number in [0, 1).
     #[inline(always)]
     pub(crate) fn consider(&mut self, one: Arrived<R>, normal: Triple<R>, number: R) {
-        let bright = (one.weight.x + one.weight.y + one.weight.z) * normal.dot(one.direction).max(R::zero());
+        let cos = normal.dot(one.direction).max(R::zero());
+        let bright = (one.weight.x + one.weight.y + one.weight.z) * cos * one.expected;
         let finite = bright.finite();
         self.rejected += u64::from((one.valid & !finite).bits().count_ones());
         let bright = bright.only(one.valid & finite);

@@ -164,9 +164,10 @@ impl Lights {
 
     /// Density over solid angle with which sampling lights from a point finds where light came from.
     pub(crate) fn finds(&self, emitted: &Emitted, from: Vec3) -> f32 {
+        let from = (from.into(), self.cell::<f32>(from.into()));
         match emitted.source {
-            Source::Shape { light, p, normal } => self.shape_pdf::<f32>(light, from.into(), p.into(), normal.into()),
-            Source::Sky { to_light } => self.environment_look::<f32>(from.into(), to_light.into()).1,
+            Source::Shape { light, p, normal } => self.shape_pdf::<f32>(light, from, p.into(), normal.into()),
+            Source::Sky { to_light } => self.environment_look::<f32>(from, to_light.into()).1,
             Source::Point => 0.0,
         }
     }

@@ -29,6 +29,7 @@ impl Stream<'_> {
             self.scratch.paths.put(THROUGHPUT, at, Triple::all(R::one()));
             R::one().store(&mut self.scratch.paths.rows[ETA][at..]);
             R::zero().store(&mut self.scratch.paths.rows[PDF][at..]);
+            R::zero().store(&mut self.scratch.paths.rows[CELL][at..]);
         }
         for (at, id) in self.scratch.paths.ids[..count].iter_mut().enumerate() {
             *id = at as u32;
@@ -148,7 +149,8 @@ impl Stream<'_> {
                 (self.scratch.paths.triple(ORIGIN, place), self.scratch.paths.triple(DIRECTION, place));
             let throughput = self.scratch.paths.triple::<R>(THROUGHPUT, place);
             let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
-            let (radiance, other) = world.lights.environment_look(origin, direction);
+            let cell = R::gather(&self.scratch.paths.rows[CELL], place);
+            let (radiance, other) = world.lights.environment_look((origin, cell), direction);
             let mut weight = R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
             if let Some(plan) = self.batch.light_paths
                 && group.depth > 1

@@ -80,13 +80,14 @@ impl<const N: usize> Rows<N> {
 }
 
 /// Rows of a path: origin, direction, throughput, product of relative indices, density of the last scattering
-/// (0 or less where nothing but it can find the light).
-pub(super) type Paths = Rows<11>;
+/// (0 or less where nothing but it can find the light), cell of the vertex before among those of lights.
+pub(super) type Paths = Rows<12>;
 pub(super) const ORIGIN: usize = 0;
 pub(super) const DIRECTION: usize = 3;
 pub(super) const THROUGHPUT: usize = 6;
 pub(super) const ETA: usize = 9;
 pub(super) const PDF: usize = 10;
+pub(super) const CELL: usize = 11;
 /// Row of a path: its density so far, over that of a light path along it but for the emission; 0 where light paths do
 /// not find it.
 pub(super) type Rivals = Rows<1>;

@@ -84,8 +84,10 @@ fn squared_tangent<R: Real>(cos: R) -> R {
 impl<'a> Stream<'a> {
     #[inline(always)]
     fn vantage<R: Real>(&self, row: usize) -> Vantage<R> {
+        let p = self.scratch.vertices.row(POINT, row);
         Vantage {
-            p: self.scratch.vertices.row(POINT, row),
+            p,
+            cell: self.batch.world.lights.cell(p),
             error: self.scratch.vertices.row(ERROR, row),
             normal: self.scratch.vertices.row(GEOMETRIC, row),
         }
@@ -296,7 +298,11 @@ impl<'a> Stream<'a> {
                 let from = self.vantage::<R>(row);
                 let o = offset_origins(from.p, from.error, from.normal, wi);
                 let t = throughput;
-                self.scratch.next.push(alive, [o.x, o.y, o.z, wi.x, wi.y, wi.z, t.x, t.y, t.z, eta, pdf], &ids);
+                self.scratch.next.push(
+                    alive,
+                    [o.x, o.y, o.z, wi.x, wi.y, wi.z, t.x, t.y, t.z, eta, pdf, from.cell],
+                    &ids,
+                );
                 if self.batch.light_paths.is_some() {
                     let rival = if group.depth == 0 {
                         let back = -self.scratch.vertices.row::<R>(ARRIVED_BY, row);

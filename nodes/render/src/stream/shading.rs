@@ -259,7 +259,8 @@ impl Stream<'_> {
                 }
                 let origin = self.scratch.paths.triple::<R>(ORIGIN, place);
                 let pdf = R::gather(&self.scratch.paths.rows[PDF], place);
-                let other = world.lights.shape_pdf(light, origin, self.scratch.vertices.row(POINT, row), normal);
+                let from = (origin, R::gather(&self.scratch.paths.rows[CELL], place));
+                let other = world.lights.shape_pdf(light, from, self.scratch.vertices.row(POINT, row), normal);
                 let mut weight =
                     R::select(pdf.positive(), self.batch.path.strategy.weight(false, pdf, other), R::one());
                 if let Some(plan) = self.batch.light_paths

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::Path,
+    path::{Path, PathBuf},
 };
 use tauflow_contract::{
     Action, Context, Digest, FILE_PORT, Files, Group, ItemKey, Kind, KindError, KindSpec, Media, Mode, Out, Outputs,
@@ -96,6 +96,8 @@ pub struct Loaded {
     pub framed: bool,
     /// True if it gives no light of its own, and so has the setting's environment.
     pub lit: bool,
+    /// The files on disk that it was read from; none if they were handed over.
+    pub files: Vec<PathBuf>,
     /// The recipe beside a `scene.json`.
     recipe: Option<Recipe>,
 }
@@ -119,8 +121,8 @@ pub fn load_scene_in(
     setting: &Setting,
     options: Options,
 ) -> Result<Loaded, KindError> {
-    let (name, parts) = files::on_disk(path, root)?;
-    read(&name, setting, &parts, options)
+    let (name, parts, files) = files::on_disk(path, root)?;
+    Ok(Loaded { files, ..read(&name, setting, &parts, options)? })
 }
 
 /// Most cameras of a scene's file: each is an item, and reads the files again.
@@ -182,7 +184,7 @@ fn read(
     let wanted = scene.blobs();
     let mut blobs: BTreeMap<Digest, Vec<u8>> = BlobSet::into_map(blobs);
     blobs.retain(|digest, _| wanted.binary_search(digest).is_ok());
-    Ok(Loaded { scene, blobs, notes, film: Some(said.film), framed, lit, recipe: None })
+    Ok(Loaded { scene, blobs, notes, film: Some(said.film), framed, lit, files: Vec::new(), recipe: None })
 }
 
 /// A seed that is the file's own.

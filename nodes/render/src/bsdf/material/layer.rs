@@ -11,6 +11,7 @@ use crate::{
         metal::Metal,
         principled::Principled,
     },
+    choices::Choices,
     lanes::{Real, Triple},
     texture::Texture,
 };
@@ -54,6 +55,14 @@ pub(super) struct PrincipledTextures {
     pub(super) eta: f32,
     pub(super) clearcoat: f32,
     pub(super) clearcoat_gloss: f32,
+    pub(super) choices: Choices,
+}
+
+impl PrincipledTextures {
+    /// Whether light may cross anywhere.
+    fn clear(&self) -> bool {
+        !matches!(&self.transmission, Texture::Constant(v) if v.x <= 0.0)
+    }
 }
 
 /// Cuts what rounding, of a product or between texels, has put beyond 1: compiling refuses what is beyond by more.
@@ -83,6 +92,17 @@ impl Layer {
         }
     }
 
+    /// Whether light may cross it by a lobe that has a density.
+    pub(super) fn transmits(&self) -> bool {
+        match &self.sort {
+            Textured::Dielectric { .. } => self.smooth(),
+            Textured::Principled(of) => of.clear(),
+            Textured::Diffuse(_) | Textured::Conductor { .. } | Textured::Thin { .. } | Textured::Plastic { .. } => {
+                false
+            }
+        }
+    }
+
     /// Textures by slot: what the lobes below find their values by.
     pub(super) fn slots(&self) -> [Option<&Texture>; SLOTS] {
         let alpha = self.finish.as_ref().and_then(|finish| finish.alpha.as_ref());
@@ -102,6 +122,12 @@ impl Layer {
 
     pub(super) fn textures(&self) -> impl Iterator<Item = &Texture> {
         self.weights.iter().map(|w| &w.0).chain(self.slots().into_iter().flatten())
+    }
+
+    pub(super) fn set_choices(&mut self, choices: Choices) {
+        if let Textured::Principled(of) = &mut self.sort {
+            of.choices = choices;
+        }
     }
 
     /// Its share of the blend.
@@ -165,7 +191,8 @@ impl Layer {
             clearcoat: of.clearcoat,
             clearcoat_gloss: of.clearcoat_gloss,
             eta: of.eta,
-            clear: !matches!(&of.transmission, Texture::Constant(v) if v.x <= 0.0),
+            clear: of.clear(),
+            choices: of.choices,
         })
     }
 

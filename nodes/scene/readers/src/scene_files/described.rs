@@ -52,7 +52,7 @@ pub(super) fn read(name: &str, bytes: &[u8], given: &Given<'_>, mut problems: Pr
     let (_, _, problems) = build.finish(Some(scene.camera.clone()), scene.max_depth, 0, name);
     let recipe = given.get(SceneRecord::RECIPE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
     let notes = problems.finish()?;
-    Ok(Loaded { scene, blobs, notes, film: None, framed: false, lit: false, recipe })
+    Ok(Loaded { scene, blobs, notes, film: None, framed: false, lit: false, files: Vec::new(), recipe })
 }
 
 /// Checks what a scene says, without its blobs.

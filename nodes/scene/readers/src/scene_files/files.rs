@@ -68,7 +68,9 @@ fn look(path: &Path, root: &Path) -> Result<FoundScene, KindError> {
     }
     let bytes = fs::read(path).map_err(|e| none(format!("cannot be read: {e}; mend its permissions")))?;
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    let given = Given::Disk { folder, root: root.to_owned(), read: Cell::new(0) };
+    // A folder that a link leads to outside of the root has no folder of the root above it.
+    let above = given::depth(&folder, root).unwrap_or(0);
+    let given = Given::Disk { folder, above, read: Cell::new(0) };
     let (names, views) = named(&name_of(path), &bytes, &given);
     let files = given.parts(&names);
     let sum: u64 = files.iter().filter_map(|(_, file)| Some(fs::metadata(file).ok()?.len())).sum();
@@ -85,24 +87,32 @@ fn look_or_lose(path: &Path, root: &Path, leave_out: bool) -> Result<FoundScene,
     look(path, root).or_else(|error| if leave_out { Ok(lost()) } else { Err(error) })
 }
 
-/// The name of a scene's file, and its parts in memory.
+/// What [`on_disk`] gives.
+type OnDisk = (String, BTreeMap<String, Vec<u8>>, Vec<PathBuf>);
+
+/// The name of a scene's file, its parts in memory, and the files that they were read from.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene by its ending.
-pub fn on_disk(path: &Path, root: Option<&Path>) -> Result<(String, BTreeMap<String, Vec<u8>>), KindError> {
+pub fn on_disk(path: &Path, root: Option<&Path>) -> Result<OnDisk, KindError> {
     let own = path.parent().unwrap_or(Path::new(""));
     let root = root.unwrap_or(own);
-    if !own.starts_with(root) {
+    if !given::real(root).is_ok_and(|real| real.is_dir()) {
+        return Err(KindError::Input(format!("`{}` is no folder; name one that holds the scene", root.display())));
+    }
+    // A scene that is not there is told by the one who looks.
+    if given::real(own).is_ok() && given::depth(own, root).is_none() {
         let (path, root) = (path.display(), root.display());
         return Err(KindError::Input(format!("`{path}` does not lie below `{root}`; name a folder above it")));
     }
     let found = look(path, root)?;
-    let mut parts = BTreeMap::new();
+    let (mut parts, mut read) = (BTreeMap::new(), Vec::new());
     for (part, file) in found.files.into_iter().chain([(given::MAIN.to_owned(), found.path)]) {
         let failed = |e| KindError::Environment(format!("cannot read {}: {e}", file.display()));
         parts.insert(part, fs::read(&file).map_err(failed)?);
+        read.push(file);
     }
-    Ok((name_of(path), parts))
+    Ok((name_of(path), parts, read))
 }
 
 /// The scenes of an entry, with the folder that their files must not leave.

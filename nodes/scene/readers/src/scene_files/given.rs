@@ -7,7 +7,7 @@ use super::problems::{Place, Problems};
 use std::{
     cell::Cell,
     collections::{BTreeMap, BTreeSet},
-    fs,
+    fs, io,
     path::{Component, Path, PathBuf},
 };
 use tauflow_contract::Digest;
@@ -58,16 +58,28 @@ pub fn text_of<'b>(bytes: &'b [u8], file: &Place, problems: &mut Problems) -> Op
     None
 }
 
+/// The place of a folder without links, `.` and `..`; the working directory for an empty path.
+pub fn real(folder: &Path) -> io::Result<PathBuf> {
+    fs::canonicalize(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
+}
+
+/// How many folders a folder lies below another, by their real places: a link or `..` may lead out of the other. None
+/// if it does not lie below it, or cannot be found.
+pub fn depth(folder: &Path, root: &Path) -> Option<usize> {
+    let (folder, root) = (real(folder).ok()?, real(root).ok()?);
+    Some(folder.strip_prefix(root).ok()?.components().count())
+}
+
 /// The files of a scene, as they were handed over or as they lie on disk.
 pub enum Given<'a> {
     /// By part name.
     Parts(&'a BTreeMap<String, Vec<u8>>),
-    /// Below a folder: that of the scene's own file, and the one that was named.
+    /// On disk: in the folder of the scene's own file, and in some of the folders above it.
     Disk {
         /// Where paths begin.
         folder: PathBuf,
-        /// The directory that they must not leave.
-        root: PathBuf,
+        /// How many folders up they may lead: see [`depth`].
+        above: usize,
         /// Bytes that were read so far.
         read: Cell<u64>,
     },
@@ -78,8 +90,8 @@ const MOST_READ: u64 = 1 << 32;
 
 impl Given<'_> {
     /// The path on disk of a file that may be read.
-    fn on_disk(folder: &Path, root: &Path, path: &str) -> Option<PathBuf> {
-        let mut depth = folder.strip_prefix(root).ok()?.components().count();
+    fn on_disk(folder: &Path, above: usize, path: &str) -> Option<PathBuf> {
+        let mut depth = above;
         for part in Path::new(path).components() {
             match part {
                 Component::ParentDir => depth = depth.checked_sub(1)?,
@@ -97,7 +109,7 @@ impl Given<'_> {
         let Some(path) = normalised(path) else { return false };
         match self {
             Self::Parts(parts) => parts.contains_key(&part(&path)),
-            Self::Disk { folder, root, .. } => Self::on_disk(folder, root, &path).is_some(),
+            Self::Disk { folder, above, .. } => Self::on_disk(folder, *above, &path).is_some(),
         }
     }
 
@@ -106,8 +118,8 @@ impl Given<'_> {
         let path = normalised(path)?;
         match self {
             Self::Parts(parts) => parts.get(&part(&path)).cloned(),
-            Self::Disk { folder, root, read } => {
-                let bytes = fs::read(Self::on_disk(folder, root, &path)?).ok()?;
+            Self::Disk { folder, above, read } => {
+                let bytes = fs::read(Self::on_disk(folder, *above, &path)?).ok()?;
                 read.set(read.get() + bytes.len() as u64);
                 (read.get() <= MOST_READ).then_some(bytes)
             }
@@ -129,10 +141,10 @@ impl Given<'_> {
 
     /// Part names and places on disk of the files at these paths that are there; none of parts that were handed over.
     pub fn parts(&self, paths: &BTreeSet<String>) -> Vec<(String, PathBuf)> {
-        let Self::Disk { folder, root, .. } = self else { return Vec::new() };
+        let Self::Disk { folder, above, .. } = self else { return Vec::new() };
         let found = paths.iter().filter_map(|path| {
             let path = normalised(path)?;
-            Some((part(&path), Self::on_disk(folder, root, &path)?))
+            Some((part(&path), Self::on_disk(folder, *above, &path)?))
         });
         found.take(MOST_FILES).collect::<BTreeMap<_, _>>().into_iter().collect()
     }
@@ -153,8 +165,17 @@ mod tests {
         let folder = temporary.path();
         fs::create_dir_all(folder.join("scene")).expect("a folder");
         fs::write(folder.join("x"), "1").expect("a file");
-        let at = |path| Given::on_disk(&folder.join("scene"), folder, path).is_some();
+        let scene = folder.join("scene");
+        let at = |path| Given::on_disk(&scene, 1, path).is_some();
         assert!(at("../x") && !at("../../x") && !at("../scene/../../x") && !at("../y") && !at("../scene"));
-        assert!(Given::on_disk(&folder.join("scene"), &folder.join("scene"), "../x").is_none());
+        assert!(Given::on_disk(&scene, 0, "../x").is_none());
+        // Places count, not spellings.
+        std::os::unix::fs::symlink(folder, scene.join("up")).expect("a link");
+        assert_eq!(depth(Path::new(""), Path::new(".")), Some(0));
+        assert_eq!(depth(&scene, &scene.join("..")), Some(1));
+        assert_eq!(depth(&scene.join("up/scene"), &scene), Some(0));
+        for out in ["..", "up", "none"] {
+            assert_eq!(depth(&scene.join(out), &scene), None, "{out}");
+        }
     }
 }

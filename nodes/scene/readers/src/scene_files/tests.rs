@@ -389,6 +389,25 @@ fn folders_and_files_become_items_by_stratum_and_view() {
     let alone = load_scene(&root.join("rooms/room.xml"), None, 0, Options::default()).expect_err("outside").to_string();
     assert!(alone.contains("`../shared/part.xml` is no file of up to 2 GiB below the folder"), "{alone}");
     load_scene(&root.join("rooms/room.xml"), Some(root), 0, Options::default()).expect("inside");
+    // The root may be spelled in any way, but neither `..` nor a link leads out of it.
+    let load = |path: &str, below: &str| {
+        let loaded = load_scene(&root.join(path), Some(&root.join(below)), 0, Options::default());
+        loaded.map(|_| ()).map_err(|error| error.to_string())
+    };
+    std::os::unix::fs::symlink("../rooms", root.join("shared/link")).expect("a link");
+    for (path, below) in
+        [("rooms/room.xml", "shared/.."), ("shared/../rooms/room.xml", ""), ("shared/link/room.xml", "")]
+    {
+        assert_eq!(load(path, below), Ok(()), "{path} below {below}");
+    }
+    for path in ["shared/../rooms/room.xml", "shared/link/room.xml"] {
+        let told = load(path, "shared").expect_err("outside");
+        assert!(told.contains("does not lie below"), "{told}");
+    }
+    let told = load("shared/link/room.xml", "rooms").expect_err("its files are outside");
+    assert!(told.contains("`../shared/part.xml` is no file of up to 2 GiB below the folder"), "{told}");
+    assert!(load("rooms/room.xml", "none").expect_err("no folder").contains("none` is no folder; name one"));
+    assert!(load("none/room.xml", "").expect_err("no scene").contains("mend the path"));
     let bad = serde_json::json!({ "scenes": [{ "path": "a.xml", "stratum": "my scenes" }] });
     let problems = KindRow::<SceneFiles>::new().resolve(&bad).expect_err("no stratum");
     assert_eq!(problems[0].pointer, "/scenes/0/stratum");
