@@ -14,7 +14,7 @@ use crate::{
     hashed::HashedMap,
     layout::{Layout, names},
     lease, network, quarantine,
-    record::{Head, MOST_GENERATION},
+    record::{Head, MOST_GENERATION, after},
     segment::{LogEntry, PackedBlob, Sort, scan_log, scan_pack},
     sidecar,
 };
@@ -97,6 +97,8 @@ pub(crate) struct Index {
     pub proven: HashSet<Slot>,
     /// Places in packs whose blob is damaged.
     bad: HashSet<(String, u64)>,
+    /// Generations of records that were found damaged.
+    damaged: HashMap<Slot, u32>,
     /// Keys for which records of one generation with different payloads were found.
     pub conflicts: BTreeSet<(Arc<str>, Key)>,
 }
@@ -129,6 +131,15 @@ impl Index {
     pub fn is_provisional(&self, slot: &Slot, at: &RecordAt) -> bool {
         let segment = &self.segments[at.segment as usize];
         !segment.own && at.offset >= segment.committed && !self.proven.contains(slot)
+    }
+
+    /// The generation of a record that takes the place of all that this index has, and of those that it had before it
+    /// found them damaged.
+    pub fn next_generation(&self, namespace: &str, key: &Key) -> u32 {
+        let Some(namespace) = self.number_of(namespace) else { return 0 };
+        let slot = (namespace, *key);
+        let known = self.records.get(&slot).map(|at| at.generation);
+        known.max(self.damaged.get(&slot).copied()).map_or(0, after)
     }
 
     /// Highest sequence number of the segments of a sort.
@@ -237,6 +248,15 @@ impl Index {
         if self.blobs.get(hash).is_some_and(|known| (known.segment, known.offset) == (at.segment, at.offset)) {
             self.blobs.remove(hash);
         }
+    }
+
+    /// Forgets a record whose frame is damaged, but not its generation: its segment's index file may list it the next
+    /// time, and it must not win against the record that took its place.
+    pub fn mark_damaged(&mut self, slot: &Slot) {
+        let Some(at) = self.records.remove(slot) else { return };
+        self.segments[at.segment as usize].damaged += 1;
+        let highest = self.damaged.entry(*slot).or_default();
+        *highest = at.generation.max(*highest);
     }
 
     /// Reads what is new on disk. Logs first: a record's blobs were written before it.

@@ -7,7 +7,7 @@ use crate::{
     index::{Index, RecordAt, Slot},
     lease::Use,
     network,
-    record::{Head, after, decode, encode},
+    record::{Head, decode, encode, sum},
     segment::{Appender, MAX_BODY, RECORD_HEADER, Sort, read_record, record_frame},
     store::lock,
     tree,
@@ -28,15 +28,16 @@ impl Store {
     /// When it cannot be written. The log is then as it was before.
     pub fn record(&self, record: &Record) -> Result<Recorded, CacheError> {
         let mut log = lock(&self.log);
-        let known = self.index().record(&record.namespace, &record.key);
-        if let Some((slot, at)) = known {
-            let head = Head::of(record, 0, 0);
-            if at.sum == head.sum && !self.index().is_provisional(&slot, &at) {
+        // It is read even if its sum is the same: it may have been damaged since its segment's index file was written.
+        let known = self.read_record_of(&record.namespace, &record.key);
+        if let Some((slot, at, _)) = known {
+            let same = at.sum == sum(record.payload.as_bytes());
+            if same && !self.index().is_provisional(&slot, &at) {
                 return Ok(Recorded::Same);
             }
-            if at.sum == head.sum {
+            if same {
                 // Another's that died before its commit: one of this store's own is durable with its blobs.
-                self.append(&mut log, record, after(at.generation))?;
+                self.append(&mut log, record)?;
                 drop(log);
                 self.commit_if_due()?;
                 return Ok(Recorded::Same);
@@ -44,11 +45,9 @@ impl Store {
             if let Some(existing) = self.find(&record.namespace, &record.key, false) {
                 return Ok(Recorded::Conflict { existing: Box::new((*existing).clone()) });
             }
-            // Its frame is damaged, or its blobs are: it is no record any more.
-            self.append(&mut log, record, after(at.generation))?;
-        } else {
-            self.append(&mut log, record, 0)?;
+            // Its blobs are damaged: it is no record any more.
         }
+        self.append(&mut log, record)?;
         drop(log);
         self.commit_if_due()?;
         Ok(Recorded::New)
@@ -62,8 +61,7 @@ impl Store {
     pub fn replace(&self, record: &Record) -> Result<(), CacheError> {
         self.refresh()?;
         let mut log = lock(&self.log);
-        let known = self.index().record(&record.namespace, &record.key);
-        self.append(&mut log, record, known.map_or(0, |(_, at)| after(at.generation)))?;
+        self.append(&mut log, record)?;
         drop(log);
         self.commit_if_due()
     }
@@ -198,9 +196,7 @@ impl Store {
                 }
                 _ => {
                     // Damaged since it was indexed.
-                    let mut index = self.index_mut();
-                    index.segments[at.segment as usize].damaged += 1;
-                    index.records.remove(&slot);
+                    self.index_mut().mark_damaged(&slot);
                     return None;
                 }
             }
@@ -223,7 +219,8 @@ impl Store {
         })
     }
 
-    fn append(&self, log: &mut crate::store::LogWriter, record: &Record, generation: u32) -> Result<(), CacheError> {
+    /// Appends a record that takes the place of all earlier ones of its key.
+    fn append(&self, log: &mut crate::store::LogWriter, record: &Record) -> Result<(), CacheError> {
         self.writes()?;
         if log.appender.as_ref().is_some_and(|to| self.is_gone(to)) {
             log.appender = None; // somebody removed the file under us
@@ -232,6 +229,7 @@ impl Store {
             log.appender = Some(self.start_segment(Sort::Log)?);
         }
         let Some(to) = log.appender.as_mut() else { return Ok(()) }; // set right above
+        let generation = self.index().next_generation(&record.namespace, &record.key);
         let head = Head::of(record, generation, to.seq);
         let bytes = encode(&head, record);
         if bytes.len() as u64 >= MAX_BODY {

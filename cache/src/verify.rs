@@ -79,7 +79,6 @@ impl Store {
                 report.damaged.push(digest);
             }
         }
-        self.verify_records(&mut report)?;
         let index = self.index();
         report.conflicts = index.conflicts.iter().map(|(namespace, key)| (namespace.to_string(), *key)).collect();
         for segment in index.segments.iter().filter(|segment| segment.sealed && !segment.gone) {
@@ -90,6 +89,9 @@ impl Store {
                 Sort::Pack => report.damaged_places += segment.damaged,
             }
         }
+        drop(index);
+        // Last: it counts the damage that it finds, and adds it to the counts of the segments, too.
+        self.verify_records(&mut report)?;
         Ok(report)
     }
 
@@ -121,7 +123,7 @@ impl Store {
                 Some(State::Excused | State::Lost) => report.incomplete_records += 1,
                 None => {
                     report.damaged_records += 1;
-                    self.index_mut().records.remove(&checked.slot);
+                    self.index_mut().mark_damaged(&checked.slot);
                 }
             }
             report.lost_records += u64::from(checked.has_lost());

@@ -109,6 +109,9 @@ pub enum Line {
         warning: Option<String>,
         /// Wall time in microseconds.
         spent_us: u64,
+        /// The key of its record. Whoever looked for it again could find a file changed that its program opened.
+        #[serde(default)]
+        recorded: Option<Key>,
     },
 }
 
@@ -268,13 +271,17 @@ impl BatchFile {
                 tell(&Line::Begun { action });
                 of.run_with_inputs(&site, &Reporter { action, tell }, &mut patience)?
             };
-            if let (Some(recorded), Some(executed)) = (recorded, executed)
+            if let (Some(note), Some(executed)) = (recorded, executed)
                 && let Outcome::Hit(_) | Outcome::Ran(_) = execution.outcome
-                && let Some(record) = executed.recorded(store)?
             {
-                recorded(record.key);
+                // An action that was compared, and found equal, recorded nothing.
+                let key = match execution.recorded {
+                    Some(key) => Some(key),
+                    None => executed.recorded(store)?.map(|record| record.key),
+                };
+                key.into_iter().for_each(note);
             }
-            let (warning, spent_us) = (execution.warning, execution.spent_us);
+            let Execution { recorded: key, warning, spent_us, .. } = execution;
             let (end, fatal) = match execution.outcome {
                 Outcome::Hit(_) => (End::Hit, None),
                 // An action that is compared has a remark only if its record was quarantined.
@@ -286,7 +293,7 @@ impl BatchFile {
                 Outcome::Cancelled | Outcome::Elsewhere(_) => (End::Cancelled, None),
                 Outcome::Fatal(error) => (End::Fatal(error.to_string()), Some(error)),
             };
-            tell(&Line::Ended { action, end, warning, spent_us });
+            tell(&Line::Ended { action, end, warning, spent_us, recorded: key });
             if let Some(error) = fatal {
                 return Err(error);
             }

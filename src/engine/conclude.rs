@@ -52,8 +52,16 @@ impl Run<'_> {
             for digest in blobs {
                 let here =
                     if self.options.verify { self.store.get(&digest)?.is_some() } else { self.store.contains(&digest) };
-                if !here {
-                    missing.push((id, digest));
+                if here {
+                    continue;
+                }
+                // A node that is asked for may pass on what a transient one made.
+                let pool = self.pool.as_ref().filter(|_| !self.options.dry);
+                match pool.and_then(|pool| pool.get(&digest)) {
+                    Some(bytes) => {
+                        self.store.put(&bytes)?;
+                    }
+                    None => missing.push((id, digest)),
                 }
             }
             if !listings.is_empty() {

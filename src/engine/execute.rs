@@ -117,6 +117,8 @@ pub enum Outcome {
 pub struct Execution {
     /// The outcome of the action.
     pub outcome: Outcome,
+    /// The key of its record, if it has one now: files that programs opened are part of it.
+    pub recorded: Option<Key>,
     /// A remark, such as two outputs for one key.
     pub warning: Option<String>,
     /// Wall time in microseconds.
@@ -126,7 +128,7 @@ pub struct Execution {
 impl Execution {
     /// An outcome without more.
     pub fn of(outcome: Outcome) -> Self {
-        Self { outcome, warning: None, spent_us: 0 }
+        Self { outcome, recorded: None, warning: None, spent_us: 0 }
     }
 }
 
@@ -139,29 +141,38 @@ pub fn execute(
 ) -> Execution {
     let start = Instant::now();
     let of = Executing { action, producer: &action.producer, holdings, stop, progress };
-    let mut warning = None;
-    let result = catch_unwind(AssertUnwindSafe(|| of.claimed(&mut warning)));
+    let mut told = Told::default();
+    let result = catch_unwind(AssertUnwindSafe(|| of.claimed(&mut told)));
     let outcome = match result {
         Ok(Ok(Outcome::Missing(first))) => of.missing(first).unwrap_or_else(|e| Outcome::Fatal(e.into())),
         Ok(Ok(outcome)) => outcome,
         Ok(Err(error)) => Outcome::Fatal(error.into()),
         Err(panic) => Outcome::Failed(panicked(&panic)),
     };
-    Execution { outcome, warning, spent_us: start.elapsed().as_micros() as u64 }
+    let Told { recorded, warning } = told;
+    Execution { outcome, recorded, warning, spent_us: start.elapsed().as_micros() as u64 }
 }
 
 /// Sets a record from an upstream aside that differs from what its action gives here, and tells who made it.
 fn quarantine(store: &Store, record: &Record, differing: &[String]) -> Result<String, CacheError> {
     // It keeps its text, and none of its blobs.
-    let aside =
-        Record { namespace: QUARANTINE.into(), transient: true, refs: Vec::new(), trees: Vec::new(), ..record.clone() };
-    if let Recorded::Conflict { .. } = store.record(&aside)? {
+    let aside = Record {
+        namespace: QUARANTINE.into(),
+        transient: true,
+        refs: Vec::new(),
+        trees: Vec::new(),
+        // Roll-ups of before may contain it.
+        when: records::now(),
+        ..record.clone()
+    };
+    if store.record(&aside)? != Recorded::New {
         store.replace(&aside)?;
     }
     let maker = if record.maker.is_empty() { "an unknown machine" } else { record.maker.as_str() };
     Ok(format!(
         "a result of `{}` from the upstream is not what this machine computes: {}, key {}. It was made by {maker}. It \
-         is quarantined, and this machine's result is used; roll-ups from upstreams are no longer trusted",
+         is quarantined, and this machine's result is used; roll-ups from upstreams, and those \
+         of before, are no longer trusted",
         record.label,
         differing.join(", "),
         record.key
@@ -178,6 +189,13 @@ struct Produced {
     seen: Option<Seen>,
 }
 
+/// The fields of [`Execution`] beside the outcome.
+#[derive(Default)]
+struct Told {
+    recorded: Option<Key>,
+    warning: Option<String>,
+}
+
 /// An action that is being executed.
 struct Executing<'a> {
     action: &'a PreparedAction,
@@ -188,13 +206,14 @@ struct Executing<'a> {
 }
 
 impl Executing<'_> {
-    fn claimed(&self, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
+    fn claimed(&self, told: &mut Told) -> Result<Outcome, CacheError> {
         let Some(claim) = self.claim()? else { return Ok(Outcome::Cancelled) };
         let (store, producer) = (self.holdings.store, self.producer);
         if self.action.before.is_none() {
             // Whoever held it, in this process or another, may have done it meanwhile.
             let record = self.action.recorded(store)?;
             if let Some(made) = self.holdings.made(record.as_deref(), producer)? {
+                told.recorded = record.map(|record| record.key);
                 return Ok(Outcome::Hit(made));
             }
         }
@@ -205,8 +224,8 @@ impl Executing<'_> {
         };
         let wall_us = start.elapsed().as_micros() as u64;
         let outcome = match &self.action.before {
-            Some(made) => self.compare(produced, made, wall_us, warning)?,
-            None => self.keep(produced, wall_us, warning)?,
+            Some(made) => self.compare(produced, made, wall_us, told)?,
+            None => self.keep(produced, wall_us, told)?,
         };
         drop(claim);
         Ok(outcome)
@@ -285,7 +304,7 @@ impl Executing<'_> {
     }
 
     /// Records what an action gave.
-    fn keep(&self, produced: Produced, wall_us: u64, warning: &mut Option<String>) -> Result<Outcome, CacheError> {
+    fn keep(&self, produced: Produced, wall_us: u64, told: &mut Told) -> Result<Outcome, CacheError> {
         let Produced { payload, collections, put, seen } = produced;
         let (action, store) = (self.action, self.holdings.store);
         let Producer { spec, group, transient, .. } = self.producer;
@@ -298,9 +317,10 @@ impl Executing<'_> {
         // The files that a program opened are part of the key, and known only now.
         let full = seen.as_ref().map(|seen| sighted::full(&action.key, seen));
         let (key, hash) = full.as_ref().map_or((&action.key, action.hash), |key| (key, key.hash()));
+        told.recorded = Some(hash);
         if let Some(seen) = &seen {
             sighted::keep(store, key, seen)?;
-            *warning = sighted::warning(spec.name, seen);
+            told.warning = sighted::warning(spec.name, seen);
         }
         let record = records::record(ACTION, hash, spec.name, key.preimage(), &payload);
         let record = Record { wall_us, bytes, recipe, transient: *transient, ..record };
@@ -314,7 +334,7 @@ impl Executing<'_> {
             let other = Payload::of(&existing).unwrap_or_default();
             let differing = other.differs(&payload, spec);
             if !differing.is_empty() {
-                *warning = Some(format!(
+                told.warning = Some(format!(
                     "`{}` gave two different outputs for key {}: {}; it is not reproducible, and the first stays \
                      unless its blobs are gone",
                     spec.name,
@@ -338,13 +358,7 @@ impl Executing<'_> {
     }
 
     /// The outcome of a recheck or an audit.
-    fn compare(
-        &self,
-        produced: Produced,
-        made: &Made,
-        wall_us: u64,
-        warning: &mut Option<String>,
-    ) -> Result<Outcome, CacheError> {
+    fn compare(&self, produced: Produced, made: &Made, wall_us: u64, told: &mut Told) -> Result<Outcome, CacheError> {
         let (spec, store) = (&self.producer.spec, self.holdings.store);
         let record = store.lookup(ACTION, &self.action.hash);
         let before = record.as_deref().and_then(Payload::of).unwrap_or_default();
@@ -353,9 +367,9 @@ impl Executing<'_> {
             return Ok(Outcome::Ran(made.clone()));
         }
         if let Some(record) = record.as_deref().filter(|record| record.fetched && before.is_portable(spec)) {
-            let told = quarantine(store, record, &differing)?;
-            let outcome = self.keep(produced, wall_us, warning)?;
-            *warning = Some(told);
+            let warning = quarantine(store, record, &differing)?;
+            let outcome = self.keep(produced, wall_us, told)?;
+            told.warning = Some(warning);
             return Ok(outcome);
         }
         let why = match self.action.runs_programs() {

@@ -137,7 +137,11 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
     let io = |source| EngineError::Write { path: path.to_path_buf(), source };
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(io)?;
-    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let mut name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    // Names have at most 255 bytes, of which the temporary one needs some more.
+    if name.len() > 200 {
+        name = Digest::of(name.as_bytes()).short();
+    }
     let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
     fs::write(&temporary, bytes).and_then(|()| fs::rename(&temporary, path)).map_err(|source| {
         // The temporary file is of no use to anybody.

@@ -42,12 +42,25 @@ fn list(kind: &dyn NodeKind, params: &Value) -> Option<Digest> {
     Some(keys::listing(items.iter().map(|item| &item.key).zip(files)))
 }
 
-/// Looks roll-ups up. Once a result from an upstream is quarantined, roll-ups from there may contain it, and do not
-/// count.
+/// When a result from an upstream was last quarantined, if any was. Roll-ups from there may contain it, and so may this
+/// machine's own of before.
+fn last_quarantine(store: &Store) -> Option<u64> {
+    let of = |key: &Key| store.read(QUARANTINE, key).map(|record| record.when);
+    store.keys_like(QUARANTINE, "").iter().filter_map(of).max()
+}
+
+/// Whether a roll-up may contain a result that was quarantined at this time, in whole seconds.
+fn is_doubtful(record: &Record, quarantined: u64) -> bool {
+    record.fetched || record.when <= quarantined
+}
+
+/// Looks roll-ups up. Doubtful ones do not count.
 fn trusted(store: &Store, namespace: &str, keys: &[Key]) -> Vec<Option<Arc<Record>>> {
     let mut found = store.lookup_many(namespace, keys);
-    if found.iter().flatten().any(|record| record.fetched) && !store.keys_like(QUARANTINE, "").is_empty() {
-        found.iter_mut().for_each(|record| *record = record.take().filter(|record| !record.fetched));
+    if found.iter().any(Option::is_some)
+        && let Some(last) = last_quarantine(store)
+    {
+        found.iter_mut().for_each(|record| *record = record.take().filter(|record| !is_doubtful(record, last)));
     }
     found
 }
@@ -184,12 +197,13 @@ pub fn keep_pipeline(pipeline: &Pipeline, store: &Store, mut trees: Vec<Digest>)
 
 fn write(store: &Store, record: &Record) -> Result<(), CacheError> {
     match store.record(record)? {
-        // What this machine found itself counts, whoever claimed it first.
-        Recorded::Same if !store.keys_like(QUARANTINE, "").is_empty() => {
+        Recorded::New => Ok(()),
+        Recorded::Same => {
+            // What this machine finds itself, after the last quarantine, is in no doubt any more.
+            let Some(last) = last_quarantine(store) else { return Ok(()) };
             let known = store.read(&record.namespace, &record.key);
-            if known.is_some_and(|known| known.fetched) { store.replace(record) } else { Ok(()) }
+            if known.is_some_and(|known| is_doubtful(&known, last)) { store.replace(record) } else { Ok(()) }
         }
-        Recorded::New | Recorded::Same => Ok(()),
         // Measured outputs differ from run to run: the latest stands for the whole, as its actions' records say. So do
         // outputs from an upstream that were quarantined.
         Recorded::Conflict { .. } => store.replace(record),

@@ -40,7 +40,7 @@ pub(super) struct Run<'a> {
     /// Where measurements are made.
     measured: Measured,
     /// Blobs that are passed on in memory; a run that only looks has none.
-    pool: Option<Arc<Pool>>,
+    pub(super) pool: Option<Arc<Pool>>,
     /// The executor; none in a run that only looks.
     executor: Option<&'a dyn Executor>,
     /// Answers and replies of the executor arrive here.
@@ -126,7 +126,7 @@ pub(super) fn with_executor(
         sink,
         replies: replies(),
     };
-    let waiting = Waiting { store, pool: pool.clone(), stop, sink, replies: replies() };
+    let waiting = Waiting { store, pool: pool.clone(), stop, fail_fast: options.fail_fast, sink, replies: replies() };
     thread::scope(|scope| {
         let executor: Box<dyn Executor + '_> = match &options.executor {
             ExecutorKind::Threads => Box::new(Threads::start(scope, surroundings)),

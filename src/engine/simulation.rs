@@ -145,7 +145,8 @@ impl Workers<'_> {
             self.told.actions += 1;
             self.told.failed += u64::from(attempt);
             self.told.work_s += takes as f64 / 1e9;
-            let execution = Execution { outcome: Outcome::Ran(made), warning: None, spent_us: takes / 1000 };
+            let execution =
+                Execution { outcome: Outcome::Ran(made), recorded: None, warning: None, spent_us: takes / 1000 };
             let reply = Reply { slot: order.slot, execution, last: n + 1 == count };
             self.replies += 1;
             self.due.push(Reverse(Due(at, self.replies, reply)));

@@ -316,3 +316,42 @@ fn an_action_of_open_image_denoise_moves_to_where_the_same_library_is() {
     let plan = with(&place, &["plan", "small.yaml"], &[]).ends(0);
     assert!(plan.out.contains("nothing to do"), "{}", plan.out);
 }
+
+/// A program that reads `state`, says so, and goes on when it may.
+const READER: &str = "\
+pipeline: small
+nodes:
+  step:
+    kind: command
+    params:
+      mode: gather
+      run: [sh, HERE/step.sh]
+      reproducible: everywhere
+      outputs: { files: tauflow/files }
+";
+
+#[test]
+fn a_file_that_changes_while_a_program_runs_spoils_no_run() {
+    for executor in ["threads", "process"] {
+        let place = Place::new();
+        let here = place.path("").display().to_string();
+        place.write("small.yaml", &READER.replace("HERE/", &here));
+        let step = "cat HERE/state; touch HERE/begun; until test -e HERE/go; do sleep 0.05; done\n\
+                    mkdir out/files/one; echo 1 > out/files/one/a.txt";
+        place.write("step.sh", &step.replace("HERE/", &here));
+        place.write("state", "before");
+        let mut run = place.command(&["run", "small.yaml", "--executor", executor]);
+        let run = run.stderr(std::process::Stdio::piped()).stdout(std::process::Stdio::piped());
+        let mut run = run.spawn().expect("the program starts");
+        while !place.path("begun").exists() && run.try_wait().expect("a child of ours").is_none() {
+            thread::sleep(Duration::from_millis(20));
+        }
+        place.write("state", "after, and longer");
+        place.write("go", "");
+        let said = Said::of(&run.wait_with_output().expect("it ends")).ends(0);
+        assert!(said.err.contains("1 action ran"), "{executor}: {}", said.err);
+        // What it read is not there any more.
+        let said = place.tauflow(&["run", "small.yaml", "--executor", executor]).ends(0);
+        assert!(said.err.contains("1 action ran"), "{executor}: {}", said.err);
+    }
+}

@@ -49,6 +49,32 @@ fn an_audit_quarantines_what_differs_and_names_its_maker() {
 }
 
 #[test]
+fn roll_ups_of_one_s_own_from_before_a_quarantine_do_not_count() {
+    let place = Place::new();
+    let more = |machine: &str, upstream: &[&str]| {
+        place.on(machine, &[&["run", "small.yaml", "--profile", "more", "--update-lock"], upstream].concat()).ends(0);
+        fs::read_to_string(place.path("small.more.lock")).expect("it was written")
+    };
+    let honest = more("honest", &["--upstream", ""]);
+    forge(&place, "evil");
+    place.on("evil", &["cache", "push"]).ends(0);
+    // The upstream has eight of these ten scenes, and no roll-up of them: the machine makes its own.
+    assert_ne!(more("audited", &[]), honest);
+    assert!(place.on("audited", &["run", "small.yaml", "--audit", "1"]).ends(0).err.contains("1 of them different"));
+    assert_eq!(more("audited", &[]), honest);
+    // What is found anew counts again.
+    std::thread::sleep(std::time::Duration::from_millis(1100));
+    more("audited", &[]);
+    let store = Store::open_existing(&place.path("audited")).expect("a store");
+    let quarantined = store.by_label("quarantine", "scene_generation")[0].when;
+    let lanes: Vec<Record> = ["scene_generation", "content_signature_split", "stratified_sampling"]
+        .iter()
+        .flat_map(|kind| store.by_label("rollup", kind))
+        .collect();
+    assert!(lanes.iter().filter(|lane| lane.when > quarantined && !lane.fetched).count() >= 3, "{lanes:?}");
+}
+
+#[test]
 fn an_audit_of_honest_results_finds_nothing_and_asks_for_a_share() {
     let place = Place::new();
     let honest = outputs(&place, "a", &["--push"]).0;

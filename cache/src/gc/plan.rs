@@ -149,9 +149,12 @@ impl Plan {
             let path = store.index().segments[at.segment as usize].path.clone();
             let frame = store.segment_file(at.segment).and_then(|file| read_record(&file, at.offset, at.len));
             let frame = frame.at("read the log", &path)?;
-            // A damaged record is a miss already; it is not copied.
             let found = frame.as_ref().and_then(|frame| decode_reach(frame.bytes()));
-            let Some(Reach { head, refs, trees, derived, .. }) = found else { continue };
+            let Some(Reach { head, refs, trees, derived, .. }) = found else {
+                // It is a miss already. Its segment counts as damaged now, and is rewritten without it.
+                store.index_mut().mark_damaged(&slot);
+                continue;
+            };
             let namespace = store.index().name(slot.0).clone();
             let mut reach = Listing { complete: true, trees, ..Listing::default() };
             refs.iter().for_each(|digest| reach.add(&self.by_hash, digest));

@@ -1,7 +1,7 @@
 //! Records are found by key, and never silently changed.
 
 use crate::{blob, files, flip, fresh, open, record};
-use std::fs;
+use std::{fs, path::PathBuf};
 use tauflow_cache::{Digest, GcOptions, Record, Recorded, Store, tree};
 
 fn payload(store: &Store, n: u64) -> Option<String> {
@@ -248,6 +248,61 @@ fn damage_is_told_each_time_the_store_is_opened() {
     flip(&log.expect("a log"), 40_000);
     assert_eq!(kept.iter().filter(|key| store.lookup("action", key).is_none()).count(), 1);
     assert_eq!(store.damaged_log_places(), 1);
+}
+
+/// A store whose log has an index file, which lists a record that has been damaged since.
+fn with_a_damaged_record(generations: u32) -> (tempfile::TempDir, Record) {
+    let (dir, store) = fresh();
+    for n in 0..1000 {
+        store.record(&record(n, "p", vec![])).expect("record");
+    }
+    let last = record(1000, "p", vec![]);
+    (0..generations).for_each(|_| store.replace(&last).expect("replace"));
+    drop(store);
+    let all = files(&dir.path().join("log"));
+    let [log, index]: &[PathBuf; 2] = all.as_slice().try_into().expect("a log and its index file");
+    assert_eq!(index, &log.with_added_extension("idx"));
+    let mut bytes = fs::read(log).expect("readable");
+    let end = bytes.len() - 33; // the commit mark
+    bytes[end - 50..end].fill(0);
+    fs::write(log, bytes).expect("writable");
+    (dir, last)
+}
+
+#[test]
+fn a_damaged_record_that_an_index_file_lists_is_replaced_for_good() {
+    let verify = |store: &Store| store.verify(None, 0, &mut |_, _| ()).expect("verify");
+    // Found by a look-up, by a verification, or not before it is recorded; and the new one may say something else.
+    for (way, payload, generations) in [(0, "p", 1), (0, "q", 1), (0, "q", 3), (1, "q", 1), (2, "p", 1), (2, "q", 2)] {
+        let (dir, damaged) = with_a_damaged_record(generations);
+        let again = Record { payload: payload.into(), ..damaged };
+        let found = |store: &Store| store.lookup("action", &again.key).map(|found| (*found).clone());
+        let beside = open(dir.path());
+        let store = open(dir.path());
+        match way {
+            0 => assert_eq!(found(&store), None),
+            1 => assert_eq!(verify(&store).damaged_records, 1),
+            _ => {}
+        }
+        assert_eq!(store.record(&again).expect("record"), Recorded::New, "{way} {payload}");
+        assert_eq!(store.record(&again).expect("record"), Recorded::Same);
+        beside.refresh().expect("refresh");
+        for store in [store, beside, open(dir.path()), open(dir.path())] {
+            assert_eq!(found(&store).as_ref(), Some(&again), "{way} {payload} {generations}");
+        }
+        let report = verify(&open(dir.path()));
+        assert!(!report.is_damaged() && report.conflicts.is_empty() && report.records == 1001, "{report:?}");
+    }
+}
+
+#[test]
+fn a_collection_clears_away_a_damaged_record_that_an_index_file_lists() {
+    let (dir, damaged) = with_a_damaged_record(1);
+    let verify = || open(dir.path()).verify(None, 0, &mut |_, _| ()).expect("verify");
+    assert_eq!((verify().damaged_records, verify().damaged_records), (1, 1), "no run has made it again");
+    open(dir.path()).gc(&GcOptions::default()).expect("gc");
+    assert_eq!((verify().damaged_records, verify().records), (0, 1000));
+    assert_eq!(open(dir.path()).lookup("action", &damaged.key), None);
 }
 
 #[test]

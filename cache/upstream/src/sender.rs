@@ -59,14 +59,13 @@ impl Sender {
         }
         for (namespace, key) in records {
             let Some(record) = store.read(namespace, key) else { continue };
-            if there.records.contains(&identity(&record)) {
-                continue;
-            }
+            let known = there.records.contains(&identity(&record));
             let mut complete = true;
             for digest in store.reach(&record.refs, &record.trees)? {
                 complete &= blob(digest, &mut writer)?;
             }
-            if complete || record.transient && !record.fetched {
+            // The upstream may lack blobs of a record that it has: a transient node's are not sent, and packs get lost.
+            if !known && (complete || record.transient && !record.fetched) {
                 writer.record(record)?;
             }
         }

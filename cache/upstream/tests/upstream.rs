@@ -8,7 +8,9 @@ use std::{
     thread,
 };
 use tauflow_cache::{Digest, Key, Record, Store, tree};
-use tauflow_upstream::{Address, Pulled, Pushed, Reader, SecretKey, Upstream, UpstreamError, Wanted, all, pull, push};
+use tauflow_upstream::{
+    Address, Pulled, Pushed, Reader, SecretKey, Sender, Upstream, UpstreamError, Wanted, all, pull, push,
+};
 use tempfile::TempDir;
 
 const ALL: Wanted<'_> = Wanted { namespaces: &["action"], sound: &|record| record.preimage != "forged" };
@@ -99,6 +101,27 @@ fn change(path: &Path, with: impl FnOnce(&mut Vec<u8>)) {
     let mut bytes = fs::read(path).expect("readable");
     with(&mut bytes);
     fs::write(path, bytes).expect("writable");
+}
+
+#[test]
+fn a_sender_sends_the_blobs_that_a_known_record_lacks_there() {
+    let lab = Lab::new();
+    let (a, b) = (lab.store("a"), lab.store("b"));
+    let record = Record { transient: true, ..add(&b, "x") };
+    b.replace(&record).expect("writable");
+    // The first machine had the blobs in memory alone.
+    a.record(&record).expect("writable");
+    assert_eq!((lab.push(&a).records, lab.push(&a).blobs), (1, 0));
+    let sender = Sender::new(Upstream::create(&lab.address()).expect("writable"));
+    for _ in 0..2 {
+        sender.send(&b, &[], &[("action", record.key)]).expect("writable");
+        assert_eq!(lab.files("pack").len(), 1, "once is enough");
+    }
+    let c = lab.store("c");
+    assert_eq!(lab.pull(&c).records, 1);
+    for digest in c.reach(&record.refs, &record.trees).expect("readable") {
+        assert!(c.get(&digest).expect("readable").is_some(), "{digest}");
+    }
 }
 
 #[test]

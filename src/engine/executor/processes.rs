@@ -14,7 +14,7 @@ use crate::engine::{
     event::Event,
     execute::{Execution, Outcome},
     holdings::Holdings,
-    records::Made,
+    records::{ACTION, Made},
     request::LaneName,
 };
 use nix::{
@@ -37,6 +37,7 @@ use std::{
     thread::{self, Scope},
     time::Duration,
 };
+use tauflow_cache::Key;
 use tauflow_contract::{Digest, Group, NodeKind, Progress};
 
 /// Attempts of an action whose process does not survive it.
@@ -211,12 +212,12 @@ impl OpenBatch<'_, '_> {
                 }
                 // One that somebody else told to stop has not done it, as one that was killed.
                 Line::Ended { end: End::Cancelled, .. } if !self.crew.halts() => {}
-                Line::Ended { action, end, warning, spent_us } if action == ended => {
+                Line::Ended { action, end, warning, spent_us, recorded } if action == ended => {
                     let nothing = "internal error: its process recorded nothing of it; please report it";
-                    let outcome = outcome(&open.order, &end, self.holdings);
+                    let outcome = outcome(&open.order, &end, recorded, self.holdings);
                     let outcome = outcome.map(|of| of.unwrap_or_else(|| Outcome::Failed(nothing.into())));
                     let outcome = outcome.unwrap_or_else(Outcome::Fatal);
-                    self.reply(Execution { outcome, warning, spent_us });
+                    self.reply(Execution { outcome, recorded, warning, spent_us });
                     ended += 1;
                 }
                 Line::Machine { .. } | Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
@@ -257,13 +258,23 @@ fn start(command: &mut Command) -> io::Result<Child> {
     command.spawn()
 }
 
-/// The outcome of an action, from the messages of its process and from its record. None if the record is not here yet.
-pub(super) fn outcome(order: &Order, end: &End, holdings: Holdings<'_>) -> Result<Option<Outcome>, EngineError> {
+/// The outcome of an action, from the messages of its process and from its record, whose key the process tells. None if
+/// the record is not here yet.
+pub(super) fn outcome(
+    order: &Order,
+    end: &End,
+    key: Option<Key>,
+    holdings: Holdings<'_>,
+) -> Result<Option<Outcome>, EngineError> {
     let action = &order.action;
     let recorded = |replaced: bool| -> Result<Option<Made>, EngineError> {
         holdings.store.refresh()?;
         // A replaced record that this machine sees late is still the one of the upstream.
-        let record = action.recorded(holdings.store)?.filter(|record| !(replaced && record.fetched));
+        let record = match key {
+            Some(key) => holdings.store.lookup(ACTION, &key),
+            None => action.recorded(holdings.store)?,
+        };
+        let record = record.filter(|record| !(replaced && record.fetched));
         Ok(holdings.made(record.as_deref(), &action.producer)?)
     };
     Ok(Some(match end {

@@ -2,7 +2,8 @@
 //!
 //! An item belongs to the same share in all nodes, and an action without an item to the share of its key. Actions whose
 //! keys name a machine, a library or a device belong to every share, and so does what reads outputs that may
-//! differ there: other machines may have other keys.
+//! differ there: other machines may have other keys. An action whose record is there, but whose blobs are not, belongs
+//! to who needs them.
 
 mod failures;
 
@@ -109,6 +110,11 @@ pub struct Shared<'a> {
     /// The keys of those that it does.
     own: Mutex<HashMap<(LaneId, SlotId), Key>>,
     failures: Arc<Failures>,
+    store: &'a Store,
+    /// Nothing begins any more once an action fails.
+    fail_fast: bool,
+    /// Whether one has.
+    halted: Arc<AtomicBool>,
     sink: crate::engine::Sink<'a>,
 }
 
@@ -120,6 +126,8 @@ pub struct Waiting<'a> {
     pub pool: Arc<Pool>,
     /// Set when the run should stop.
     pub stop: &'a AtomicBool,
+    /// Nothing begins any more once an action fails.
+    pub fail_fast: bool,
     /// Told how many actions are waited for.
     pub sink: crate::engine::Sink<'a>,
     /// Told what was done.
@@ -139,9 +147,22 @@ impl<'a> Shared<'a> {
     {
         let (elsewhere, awaited) = mpsc::channel();
         let failures = Arc::new(Failures::from_now(of.store, &share.label()));
-        let (seen, sink) = (failures.clone(), of.sink);
-        scope.spawn(move || wait(share, &of, &seen, &awaited));
-        Self { inner, share, elsewhere, foreign: Mutex::default(), own: Mutex::default(), failures, sink }
+        let (seen, store, fail_fast, sink) = (failures.clone(), of.store, of.fail_fast, of.sink);
+        let halted = Arc::<AtomicBool>::default();
+        let halts = halted.clone();
+        scope.spawn(move || wait(share, &of, (&seen, &halts), &awaited));
+        Self {
+            inner,
+            share,
+            elsewhere,
+            foreign: Mutex::default(),
+            own: Mutex::default(),
+            failures,
+            store,
+            fail_fast,
+            halted,
+            sink,
+        }
     }
 
     fn own(&self) -> std::sync::MutexGuard<'_, HashMap<(LaneId, SlotId), Key>> {
@@ -154,7 +175,12 @@ impl<'a> Shared<'a> {
 }
 
 /// Replies to actions of other shares, as soon as they are recorded.
-fn wait(share: Share, of: &Waiting<'_>, failures: &Failures, orders: &mpsc::Receiver<Awaited>) {
+fn wait(
+    share: Share,
+    of: &Waiting<'_>,
+    (failures, halted): (&Failures, &AtomicBool),
+    orders: &mpsc::Receiver<Awaited>,
+) {
     let mut open: Vec<Awaited> = Vec::new();
     let (mut noted, mut looked) = (Instant::now(), Instant::now());
     loop {
@@ -168,7 +194,8 @@ fn wait(share: Share, of: &Waiting<'_>, failures: &Failures, orders: &mpsc::Rece
             Err(RecvTimeoutError::Disconnected) => return,
         }
         let refreshed = of.store.refresh();
-        let stopped = of.stop.load(Ordering::Relaxed);
+        // The shard that is waited for may wait for this one.
+        let stopped = of.stop.load(Ordering::Relaxed) || halted.load(Ordering::Relaxed);
         let failed = if share.wait && !open.is_empty() && looked.elapsed() >= LOOK_FOR_FAILURES {
             looked = Instant::now();
             failures.now()
@@ -238,8 +265,11 @@ impl Executor for Shared<'_> {
 
     fn submit(&self, batch: Batch) {
         let Batch { label, alone, wanted, orders } = batch;
-        let (own, others): (Vec<Order>, Vec<Order>) =
-            orders.into_iter().partition(|order| self.share.of(order).is_none_or(|index| index == self.share.index));
+        // An action runs here again if its record is there, but a blob of it is missing that this run needs. Its share
+        // has done it, and may have had the blob in memory alone, or have ended.
+        let lost = |order: &Order| !wanted.is_empty() && order.action.recorded(self.store).is_ok_and(|of| of.is_some());
+        let here = |order: &Order| self.share.of(order).is_none_or(|index| index == self.share.index) || lost(order);
+        let (own, others): (Vec<Order>, Vec<Order>) = orders.into_iter().partition(here);
         self.foreign().extend(others.iter().map(|order| order.slot));
         for order in others {
             // The thread lives as long as this does.
@@ -255,6 +285,9 @@ impl Executor for Shared<'_> {
     }
 
     fn settle(&self, reply: &Reply) {
+        if self.fail_fast && matches!(reply.execution.outcome, Outcome::Failed(_)) {
+            self.halted.store(true, Ordering::Relaxed);
+        }
         if self.foreign().remove(&reply.slot) {
             return;
         }

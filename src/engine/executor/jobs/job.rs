@@ -10,6 +10,7 @@ use crate::engine::{
     request::LaneName,
 };
 use std::{cell::RefCell, rc::Rc, time::Instant};
+use tauflow_cache::Key;
 
 /// An action without a reply.
 pub struct Open {
@@ -86,5 +87,6 @@ pub struct Unseen {
     pub end: End,
     pub warning: Option<String>,
     pub spent_us: u64,
+    pub recorded: Option<Key>,
     pub since: Instant,
 }

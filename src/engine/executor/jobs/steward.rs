@@ -205,7 +205,7 @@ impl<'a, 'o> Steward<'a, 'o> {
             }
             // Done since it was looked up.
             let (end, since) = (End::Hit, Instant::now());
-            self.unseen.push(Unseen { open, end, warning: None, spent_us: 0, since });
+            self.unseen.push(Unseen { open, end, warning: None, spent_us: 0, recorded: None, since });
             return;
         }
         self.wait(open);
@@ -302,9 +302,10 @@ impl<'a, 'o> Steward<'a, 'o> {
                             self.crew.reporter(&open.label, &open.order).report(done, total, &message);
                         }
                     }
-                    Line::Ended { end: told, warning, spent_us, .. } if end => {
+                    Line::Ended { end: told, warning, spent_us, recorded, .. } if end => {
                         if let Some(open) = job.orders.get_mut(place).and_then(Option::take) {
-                            self.unseen.push(Unseen { open, end: told, warning, spent_us, since: Instant::now() });
+                            let since = Instant::now();
+                            self.unseen.push(Unseen { open, end: told, warning, spent_us, recorded, since });
                         }
                     }
                     Line::Machine { .. } | Line::Begun { .. } | Line::Progress { .. } | Line::Ended { .. } => {}
@@ -324,10 +325,10 @@ impl<'a, 'o> Steward<'a, 'o> {
     fn see(&mut self) {
         self.refresh();
         for unseen in std::mem::take(&mut self.unseen) {
-            match processes::outcome(&unseen.open.order, &unseen.end, self.holdings()) {
+            match processes::outcome(&unseen.open.order, &unseen.end, unseen.recorded, self.holdings()) {
                 Ok(Some(outcome)) => {
-                    let Unseen { open, warning, spent_us, .. } = unseen;
-                    self.reply(open, Execution { outcome, warning, spent_us });
+                    let Unseen { open, warning, spent_us, recorded, .. } = unseen;
+                    self.reply(open, Execution { outcome, recorded, warning, spent_us });
                 }
                 Ok(None) if unseen.since.elapsed() < VISIBLE => self.unseen.push(unseen),
                 Ok(None) => {
