@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Does denoising hurt? Reads out/denoiser_test/harm_table/items.csv and prints, for each number of samples, the ratio
-of each image's mean squared error to the smaller one of the noisy and the denoised image: geometric mean, 95th
-percentile and the worst scene.
+of each image's mean squared error, without the noise of its reference, to the smaller one of the noisy and the
+denoised image: geometric mean, 95th percentile and the worst scene.
 
 python3 benches/harm.py [out/denoiser_test/harm_table/items.csv]
 """

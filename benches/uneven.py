@@ -19,7 +19,7 @@ import numpy
 
 import tauflow
 
-COUNTS = [1, 2, 4, 8, 16, 32]
+COUNTS = [1, 2, 4, 8, 16, 32, 64]
 # The images of the set have been exposed already.
 PLAIN = {"exposure": 1.0, "normals": "camera"}
 

@@ -3,7 +3,8 @@
 python network.py [--presets tiny small base fast best wide] [--threads 1 2] [--rounds 5] [--preload PATH ...]
 
 PyTorch runs in both of its memory layouts, by itself and with each allocator that is preloaded (our program has
-mimalloc). The fastest counts, round by round. It runs eagerly. Both sides do forward and backward pass, a clip of the
+mimalloc). It runs eagerly, and with --compile also through torch.compile, whose own time does not count. The fastest
+counts, round by round. Both sides do forward and backward pass, a clip of the
 gradient's norm, Adam and the average of the weights, on 64 x 64 crops with G-buffers. Predictions are of a 256 x 256
 image.
 
@@ -28,7 +29,7 @@ STEPS = {"tiny": 30, "small": 15, "base": 6, "fast": 30, "best": 15, "wide": 12}
 sys.path.insert(0, str(ROOT / "python"))
 
 
-def peer(preset, threads, layout):
+def peer(preset, threads, layout, compiled):
     import torch
     from torch.utils.flop_counter import FlopCounterMode
 
@@ -41,6 +42,7 @@ def peer(preset, threads, layout):
     weights = list(net.parameters())
     average = [w.detach().clone() for w in weights]
     adam = torch.optim.Adam(weights, lr=1e-4, fused=True)
+    call = torch.compile(net, dynamic=False) if compiled else net
 
     def inputs(count, side):
         image = lambda channels: torch.randn(count, channels, side, side).to(memory_format=form)
@@ -50,7 +52,7 @@ def peer(preset, threads, layout):
 
     def step():
         adam.zero_grad(set_to_none=True)
-        loss = (net(*batch) - target).square().mean()
+        loss = (call(*batch) - target).square().mean()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(weights, 1.0)
         adam.step()
@@ -72,11 +74,11 @@ def peer(preset, threads, layout):
     batch = inputs(1, 256)
     net.eval()
     with torch.inference_mode():
-        predict_ms = median(lambda: net(*batch), STEPS[preset])
+        predict_ms = median(lambda: call(*batch), STEPS[preset])
     with FlopCounterMode(display=False) as predicted, torch.inference_mode():
         net(*batch)
     net.train()
-    batch = inputs(BATCH[preset], 64)
+    batch, call = inputs(BATCH[preset], 64), net
     with FlopCounterMode(display=False) as stepped:
         step()
     count = sum(w.numel() for w in weights)
@@ -97,14 +99,21 @@ def main():
     parser.add_argument("--presets", nargs="*", default=list(BATCH))
     parser.add_argument("--threads", nargs="*", type=int, default=[1, 2])
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--peer", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--compile", action="store_true", help="PyTorch runs compiled, too")
+    parser.add_argument("--peer", nargs=4, help=argparse.SUPPRESS)
     parser.add_argument("--preload", nargs="*", default=[], help="allocators that PyTorch runs with, too")
     parser.add_argument("--ours", default=ROOT / "target/release/examples/network_time", help="the program of our side")
     args = parser.parse_args()
     if args.peer:
-        preset, threads, layout = args.peer
-        return peer(preset, int(threads), layout)
-    ways = [(layout, preload) for layout in ("nchw", "nhwc") for preload in ["", *args.preload]]
+        preset, threads, layout, compiled = args.peer
+        return peer(preset, int(threads), layout, bool(compiled))
+    modes = ["", "compiled"] if args.compile else [""]
+    ways = [
+        (layout, preload, compiled)
+        for layout in ("nchw", "nhwc")
+        for preload in ["", *args.preload]
+        for compiled in modes
+    ]
     of = "GFLOP/s | PyTorch | ratio"
     print(f"| preset | threads | step | {of} | prediction | {of} | drawing | fastest |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|")
@@ -114,7 +123,7 @@ def main():
             for _ in range(args.rounds):
                 ours.append(run([args.ours, preset, threads, BATCH[preset], STEPS[preset], STEPS[preset]], threads))
                 script = [sys.executable, __file__, "--peer", preset, threads]
-                peers.append({way: run([*script, way[0]], threads, way[1]) for way in ways})
+                peers.append({way: run([*script, way[0], way[2]], threads, way[1]) for way in ways})
                 assert all(peer["weights"] == ours[-1]["weights"] for peer in peers[-1].values()), "the same network"
             cells, fastest = [preset, threads], []
             for what in ("step_ms", "predict_ms"):
@@ -126,7 +135,7 @@ def main():
                 rate = next(iter(peers[0].values()))[what.replace("_ms", "_flop")] / statistics.median(mine) / 1e6
                 took, other = (f"{statistics.median(times):.1f} ms" for times in (mine, theirs))
                 cells += [took, f"{rate:.0f}", other, ratio]
-                fastest.append(" ".join(statistics.mode(best)).strip())
+                fastest.append(" ".join(filter(None, statistics.mode(best))))
             cells.append(f"{100 * statistics.median(round['draw_share'] for round in ours):.1f}%")
             cells.append(", ".join(fastest))
             print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)

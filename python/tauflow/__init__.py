@@ -6,14 +6,16 @@
 """
 
 from ._denoise import denoise
-from ._errors import TauflowError
+from ._errors import TauflowError, TauflowWarning
 from ._images import EXPOSED, RAW, Image
 from ._items import Item, Node
+from ._library import Denoiser
 from ._open import Cache, Pipeline, Results, open, program
 from .exr import read_channels, read_layers, write_layers
 
 __all__ = [
     "Cache",
+    "Denoiser",
     "EXPOSED",
     "Image",
     "Item",
@@ -22,6 +24,7 @@ __all__ = [
     "RAW",
     "Results",
     "TauflowError",
+    "TauflowWarning",
     "denoise",
     "open",
     "program",

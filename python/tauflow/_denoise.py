@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import tempfile
+import warnings
 from typing import Optional, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._errors import TauflowError
+from ._errors import TauflowError, TauflowWarning
 from ._open import program
 from .exr import read_layers, write_layers
 
@@ -30,11 +32,12 @@ def denoise(
 ) -> np.ndarray:
     """Denoises linear radiance [height, width, 3] at any exposure, and returns it as float32.
 
-    `albedo` and `normal` [height, width, 3] belong together; `normals` is `auto`, `camera` or `world`. `variance` is
-    that of each value of the radiance: with it, the noisy image is mixed in where its estimated error is smaller.
-    `spp` is the sample count, if it is known and the same in all pixels. `weights` is `best` or `fast`; `model` is a
-    model file to use in their place. `strength` is the share of the denoised image. Raises TauflowError if shapes
-    differ, or the command refuses the image.
+    `albedo` and `normal` [height, width, 3] belong together; `normals` is `auto`, `camera` or `world`. World-space
+    normals are turned so that most face the camera. `variance` is that of each value of the radiance: with it, the
+    noisy image is mixed in where its estimated error is smaller. `spp` is the sample count, if it is known and the same
+    in all pixels. `weights` is `best` or `fast`; `model` is a model file to use in their place. `strength` is the share
+    of the denoised image. Raises TauflowError if shapes differ, or the command refuses the image. Warns
+    (TauflowWarning) of pixels that are not finite, which it replaces, and of values that look wrong.
     """
     given = {"": radiance, "albedo": albedo, "normal": normal, "variance": variance}
     layers = {name: np.asarray(image, np.float32) for name, image in given.items() if image is not None}
@@ -59,4 +62,10 @@ def denoise(
             raise TauflowError(f"{words[0]}: {error}") from None
         if done.returncode:
             raise TauflowError(done.stderr.replace(noisy, "the image").strip())
+        start = f"{noisy}: "
+        for line in done.stderr.splitlines():
+            note = line[len(start) :] if line.startswith(start) else ""
+            # Arrays have no camera matrix. The other line says what was done.
+            if note and "no camera matrix" not in note and not re.match(r"\d+ x \d+, ", note):
+                warnings.warn(note, TauflowWarning, stacklevel=2)
         return read_layers(clean)[""]

@@ -20,10 +20,11 @@ pub(crate) struct HeldOut {
     /// Whether any of its samples vary.
     pub(crate) noisy: bool,
     /// Whether its samples are independent.
-    independent: bool,
+    pub(crate) independent: bool,
     /// Variance of single samples, of the exposed image; 0 where samples depend on each other.
     variance: Image,
-    own_mse: f64,
+    /// Mean squared error of the image; 0 where samples depend on each other.
+    pub(crate) own_mse: f64,
     own_rel: f64,
 }
 

@@ -1,6 +1,7 @@
 #![doc = include_str!("image_metrics.md")]
 
 use crate::{
+    held_out::HeldOut,
     metrics::{MetricError, Reference},
     request::{self, OnRequest, SCALES},
     ssim::LEAST_SIDE,
@@ -8,14 +9,14 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
-    Action, Context, Each, Facts, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
-    Outputs, ParamProblem,
+    Action, Context, Each, Facts, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Named, Out,
+    Outlook, Outputs, ParamProblem,
 };
 use tauflow_data::{
     Image,
     facts::{self, NFE, REFERENCE_SPP, RUNGS, SPP},
     methods::HOLD,
-    records::{PackedScene, Refined, RefinedImage, SceneScores, Score},
+    records::{Exposure, Ladder, PackedScene, Refined, RefinedImage, SceneScores, Score},
 };
 
 /// The kind `image_metrics`.
@@ -45,6 +46,12 @@ impl Default for ImageMetricsParams {
 const IMAGES: Each<Refined> =
     Each::new("images", "The images to score; without them, a rung of the references is scored.").or_none();
 const REFERENCES: Each<PackedScene> = Each::new("references", "The same scenes; their last rung is the reference.");
+const HELD_OUT: Each<Ladder> = Each::new(
+    "held_out",
+    "The ladders of `references`, of another stream than the images: their own noise is taken off `hdr_psnr`.",
+)
+.or_none();
+const EXPOSURE: Each<Exposure> = Each::new("exposure", "The exposure of the same scenes, for `held_out`.").or_none();
 const MAIN: Group = Group::main(1);
 const METRICS: Out<SceneScores> = Out::new(MAIN, "metrics", "The metrics of each image of a scene.");
 
@@ -57,7 +64,7 @@ impl Kind for ImageMetrics {
             summary: "Compares images with references: PSNR, MAE, SSIM, FLIP.",
             manual: include_str!("image_metrics.md"),
             mode: Mode::Map,
-            inputs: vec![IMAGES.port(), REFERENCES.port()],
+            inputs: vec![IMAGES.port(), REFERENCES.port(), HELD_OUT.port(), EXPOSURE.port()],
             outputs: vec![METRICS.port()],
             seeded: false,
         }
@@ -77,6 +84,15 @@ impl Kind for ImageMetrics {
             facts::least_film(REFERENCES, &references, LEAST_SIDE, "SSIM").into_iter().collect();
         let last = references.facts.get(RUNGS).and_then(|rungs| rungs.last().copied());
         problems.extend(request::too_few_pixels(REFERENCES, &references, &params.also, params.ms_ssim_scales));
+        if known.has(HELD_OUT.name()) {
+            let held_out = known.each(HELD_OUT);
+            problems.extend(facts::same_film(HELD_OUT, &held_out, &references));
+            problems.extend(facts::independent(HELD_OUT, &held_out));
+            problems.extend(facts::same_last_rung(HELD_OUT, &held_out, &references));
+            problems.extend((!known.has(EXPOSURE.name())).then(|| unexposed(HELD_OUT, EXPOSURE.name())));
+        } else if known.has(EXPOSURE.name()) {
+            problems.push(unexposed(EXPOSURE, HELD_OUT.name()));
+        }
         let scores = request::known(Facts::default().with_some(REFERENCE_SPP, last), &params.also);
         let scores = if known.has(IMAGES.name()) {
             let images = known.each(IMAGES);
@@ -98,6 +114,7 @@ impl Kind for ImageMetrics {
         let more = request::more(&action.params.also, action.params.ms_ssim_scales);
         let reference =
             Reference::with(last, more).map_err(|e| KindError::Input(format!("the reference of `{item}`: {e}")))?;
+        let reference = reference.with_own_error(own_error(ctx, action, last)?);
         let Refined { images, note, .. } = match action.read_if(ctx, IMAGES)? {
             Some(refined) => refined,
             None => Refined { images: vec![own_rung(&scene, action.params.from)?], note: None, ..Default::default() },
@@ -111,6 +128,37 @@ impl Kind for ImageMetrics {
         }
         Ok(Outputs::default().put(METRICS, SceneScores { reference_spp, scores, note }.store(ctx)?))
     }
+}
+
+/// One of the two inputs that tell the reference's own error, without the other.
+fn unexposed(port: impl Named, lacks: &str) -> Foreseen {
+    Foreseen::input(port, format!("this needs `{lacks}`, too, which is not connected"), "connect both, or none of them")
+}
+
+/// The mean squared error of the reference, or 0 if nothing tells it.
+fn own_error(ctx: &Context<'_>, action: &Action<'_, ImageMetricsParams>, reference: &Image) -> Result<f64, KindError> {
+    let Some((ladder, exposure)) = action.handle_if(HELD_OUT)?.zip(action.read_if(ctx, EXPOSURE)?) else {
+        return Ok(0.0);
+    };
+    let item = action.item()?;
+    let held_out = HeldOut::load(ctx, ladder, exposure.factor, item)?;
+    if held_out.image != *reference {
+        return Err(KindError::Input(format!(
+            "the reference of `{item}` is not the last rung of its ladder in `{}`; connect the ladders from which \
+             `{}` was packed, and the same exposure",
+            HELD_OUT.name(),
+            REFERENCES.name()
+        )));
+    }
+    if !held_out.independent || held_out.spp < 2 || !held_out.own_mse.is_finite() {
+        return Err(KindError::Input(format!(
+            "the variance of the reference of `{item}` does not tell its noise: it needs two independent samples per \
+             pixel or more, and finite ones; disconnect `{}` and `{}`, or render other references",
+            HELD_OUT.name(),
+            EXPOSURE.name()
+        )));
+    }
+    Ok(held_out.own_mse)
 }
 
 /// The problem and its image.

@@ -66,6 +66,12 @@ pub(crate) fn too_small(width: usize, height: usize, scales: usize) -> String {
     )
 }
 
+/// The share of a squared error that is left at least when the reference's own is taken off.
+///
+/// A reference knows its own error only roughly, and a single scene should not move the mean PSNR of many.
+/// `time_error`, which has no such means, leaves less.
+pub const LEAST_LEFT: f64 = 0.1;
+
 /// The metrics beyond those that every score has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct More {
@@ -139,6 +145,7 @@ pub struct Reference<'a> {
     preview: Image,
     moments: Vec<Moments>,
     peak: f64,
+    own_mse: f64,
     ms_ssim: Option<usize>,
     seen: Option<Seen>,
     exposures: Option<Vec<f64>>,
@@ -176,7 +183,16 @@ impl<'a> Reference<'a> {
         let peak = if largest > 0.0 { f64::from(largest) } else { 1.0 };
         let seen = more.flip.then(|| flip::seen(&preview));
         let exposures = more.hdr_flip.then(|| flip::exposures(image));
-        Ok(Self { image, preview, moments, peak, ms_ssim: more.ms_ssim, seen, exposures })
+        Ok(Self { image, preview, moments, peak, own_mse: 0.0, ms_ssim: more.ms_ssim, seen, exposures })
+    }
+
+    /// The same with this mean squared error of its own, which is taken off squared errors of linear radiance. At least
+    /// [`LEAST_LEFT`] of what is measured is left.
+    ///
+    /// The samples of reference and images must be independent: otherwise too much is taken off.
+    pub fn with_own_error(mut self, mse: f64) -> Self {
+        self.own_mse = mse;
+        self
     }
 
     /// The metrics of an image.
@@ -185,7 +201,8 @@ impl<'a> Reference<'a> {
     /// If it has another size than the reference or holds a value that is not finite.
     pub fn metrics(&self, image: &Image) -> Result<Metrics, MetricError> {
         comparable(image, self.image)?;
-        let (mse, hdr_mae) = differences(image.data(), self.image.data(), radiance);
+        let (found, hdr_mae) = differences(image.data(), self.image.data(), radiance);
+        let mse = (found - self.own_mse).max(LEAST_LEFT * found);
         let shown = image.map(preview);
         let (preview_mse, preview_mae) = differences(shown.data(), self.preview.data(), |v| v);
         Ok(Metrics {

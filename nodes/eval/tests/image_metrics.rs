@@ -5,9 +5,9 @@ use tauflow_contract::{
     Action, Artifact, Context, Handle, ItemKey, Kind, KindError, Media, MemoryBlobs, Outputs, Silent,
 };
 use tauflow_data::{
-    Image,
+    Image, IntegratorKind, SamplerKind,
     methods::{HOLD, Parameterization},
-    records::{PackedScene, Refined, RefinedImage, SceneScores},
+    records::{Exposure, Ladder, LadderMeta, PackedScene, Refined, RefinedImage, Rung, SceneScores},
 };
 use tauflow_eval::{ImageMetrics, ImageMetricsParams};
 
@@ -78,4 +78,48 @@ fn the_kind_scores_images_or_a_rung() {
     let blown = refined(&ctx, &[(1, constant(f32::NAN))]);
     let error = run(&ctx, &[("images", &blown), ("references", &references)], 1).expect_err("not finite").to_string();
     assert!(error.contains("`mc_noise`, 1 -> 4 samples, NFE 1, of `L0-open-000001`"), "{error}");
+}
+
+/// A reference of 4 samples at twice the exposure, whose single samples have this variance.
+fn held_out(ctx: &Context<'_>, value: f32, variance: f32, sampler: SamplerKind) -> Artifact {
+    let meta = LadderMeta {
+        counts: vec![4],
+        width: 12,
+        height: 12,
+        rejected: 0,
+        mean_path_length: 1.0,
+        sampler,
+        integrator: IntegratorKind::Path,
+        estimated_error: None,
+    };
+    let rungs = vec![Rung { spp: 4, image: constant(value / 2.0) }];
+    Ladder { meta, rungs, variance: constant(variance / 4.0) }.store(ctx).expect("consistent").into_artifact()
+}
+
+#[test]
+fn the_reference_s_own_noise_is_taken_off() {
+    let (blobs, stop) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &stop);
+    let (references, images) = (packed(&ctx), refined(&ctx, &[(1, constant(0.5))]));
+    let exposure = Exposure { factor: 2.0, ev: 0.0, mean_luminance: 0.1 }.store(&ctx).expect("stored").into_artifact();
+    let of = |ladder: &Artifact| {
+        let each = [("images", &images), ("references", &references), ("held_out", ladder), ("exposure", &exposure)];
+        run(&ctx, &each, 1).map(|outputs| scores(&ctx, &outputs).scores[0].metrics)
+    };
+    let found = |variance, sampler| of(&held_out(&ctx, 0.6, variance, sampler)).expect("a reference");
+    let free = found(0.0, SamplerKind::Independent);
+    near(free.hdr_psnr, 20.0, "no noise");
+    // 0.01 was measured. Four samples of this variance have a mean square of 0.0075.
+    let noisy = found(0.03, SamplerKind::Independent);
+    near(noisy.hdr_psnr, -10.0 * 0.0025f64.log10(), "noise");
+    near(noisy.hdr_psnr_max - free.hdr_psnr_max, -10.0 * 0.25f64.log10(), "noise, by the maximum");
+    assert_eq!((noisy.hdr_mae, noisy.preview_psnr, noisy.ssim), (free.hdr_mae, free.preview_psnr, free.ssim));
+    near(found(4.0, SamplerKind::Independent).hdr_psnr, 30.0, "noise beyond the error");
+    for (variance, sampler) in [(0.03, SamplerKind::Sobol), (f32::INFINITY, SamplerKind::Independent)] {
+        let error = of(&held_out(&ctx, 0.6, variance, sampler)).expect_err("it does not tell").to_string();
+        assert!(error.contains("does not tell its noise") && error.contains("`held_out`"), "{error}");
+    }
+
+    let other = of(&held_out(&ctx, 0.61, 0.0, SamplerKind::Independent)).expect_err("another image").to_string();
+    assert!(other.contains("`L0-open-000001` is not the last rung of its ladder in `held_out`"), "{other}");
 }

@@ -11,7 +11,7 @@ use tauflow_train::{Conditioning, Model};
 pub enum Weights {
     /// Quick.
     Fast,
-    /// More accurate, in about 1.7 times the time.
+    /// More accurate, in 1.4 to 1.7 times the time.
     #[default]
     Best,
 }

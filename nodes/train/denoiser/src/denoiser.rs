@@ -80,7 +80,8 @@ impl Denoiser {
     /// work.
     ///
     /// # Errors
-    /// If no model fits the frame, settings are out of their ranges, or values exceed single precision.
+    /// If no model fits the frame, settings are out of their ranges, values exceed single precision, or the exposure of
+    /// the settings leaves no light.
     pub fn denoise(
         &self,
         frame: &Frame,
@@ -164,11 +165,17 @@ impl Denoiser {
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(KindError::Input(format!("an exposure of {exposure}; it must be a factor above 0")));
         }
+        let brightest = noisy.data().iter().fold(0.0f32, |most, value| most.max(*value));
+        let keeps_light = settings.exposure.is_some() && brightest > 0.0;
+        if keeps_light && (f64::from(brightest.min(bound)) * exposure) as f32 == 0.0 {
+            let what = format!("an exposure of {exposure:e} makes the exposed image black; raise the exposure");
+            return Err(KindError::Input(what));
+        }
         // Mirrored copies look at the same blocks of pixels only if the image consists of whole ones.
         let multiple = if settings.views == Views::ONE { 1 } else { model.multiple() };
         let size = [noisy.width(), noisy.height()].map(|side| side.next_multiple_of(multiple));
         let tiles = tiles(size[0], size[1], settings.tile, model.reach(), model.multiple());
-        Ok((Plan { model, bound, exposure, multiple, size, tiles }, features))
+        Ok((Plan { model, bound, exposure, keeps_light, multiple, size, tiles }, features))
     }
 
     /// The model for a frame, and the G-buffer that it needs.
@@ -195,6 +202,8 @@ struct Plan<'a> {
     /// The largest value that the network is shown, before exposure.
     bound: f32,
     exposure: f64,
+    /// Whether the result must have light: the frame has some, and its exposure was set.
+    keeps_light: bool,
     /// Width and height are filled up to multiples of this.
     multiple: usize,
     size: [usize; 2],
@@ -275,7 +284,7 @@ impl Plan<'_> {
     fn exposed(&self, image: &Image) -> Result<Image, KindError> {
         let bound = self.bound;
         let exposed = image.map(|value| (f64::from(value.clamp(-bound, bound)) * self.exposure) as f32);
-        exposed.finite("the exposed image", "lower the exposure")?;
+        exposed.finite("exposed image", "lower the exposure")?;
         Ok(exposed)
     }
 
@@ -293,7 +302,12 @@ impl Plan<'_> {
     }
 
     fn denoised(&self, image: Image, with_gbuffer: bool, kept: Option<f64>) -> Result<Denoised, KindError> {
-        image.finite("the denoised image", "set another exposure")?;
+        image.finite("denoised image", "set another exposure")?;
+        if self.keeps_light && image.data().iter().all(|value| *value == 0.0) {
+            let exposure = self.exposure;
+            let what = format!("an exposure of {exposure:e} makes the denoised image black; set another exposure");
+            return Err(KindError::Input(what));
+        }
         Ok(Denoised { image, exposure: self.exposure, with_gbuffer, kept })
     }
 }

@@ -47,7 +47,7 @@ pub struct Frame {
 
 impl Frame {
     /// A frame of linear radiance [H, W, 3] at any exposure. Pixels that are not finite are replaced by the mean of
-    /// those around them, which the notes say.
+    /// those around them, which the notes say. They also count negative values, and those that half precision cut.
     ///
     /// # Errors
     /// If the image has not three channels, or no pixel is finite.
@@ -58,17 +58,25 @@ impl Frame {
         }
         let mut notes = Vec::new();
         let radiance = mended(radiance, "radiance", &mut notes)?;
+        let mut count = |what: &str, odd: &dyn Fn(f32) -> bool| {
+            let count = radiance.data().iter().filter(|value| odd(**value)).count();
+            notes.extend((count > 0).then(|| format!("{count} values {what}")));
+        };
+        count("are 65504, the most that half precision holds: they may be cut", &|value| value == HALF);
+        count("are negative; they are denoised as they are", &|value| value < 0.0);
         Ok(Self { radiance, features: None, variance: None, notes })
     }
 
     /// With albedo and normal [H, W, 6]: normals are in camera space (right, up, towards the camera) and have length 1,
-    /// or 0 where nothing was hit.
+    /// or 0 where nothing was hit. The notes say whether values are out of range.
     ///
     /// # Errors
     /// If it has another size or number of channels, or no pixel is finite.
     pub fn with_gbuffer(mut self, gbuffer: Image) -> Result<Self, KindError> {
         shape(&gbuffer, "the G-buffer", 6, Some(&self.radiance))?;
         let mut gbuffer = mended(gbuffer, "the G-buffer", &mut self.notes)?;
+        let pixels = || gbuffer.data().chunks_exact(6);
+        odd_features(pixels().map(|pixel| &pixel[..3]), pixels().map(|pixel| &pixel[3..]), &mut self.notes);
         close_black_background(&self.radiance, gbuffer.data_mut(), 6);
         self.features = Some(Features::Together(gbuffer));
         Ok(self)
@@ -84,6 +92,7 @@ impl Frame {
         if [&albedo, &normal].iter().any(|image| image.data().iter().any(|value| !value.is_finite())) {
             return self.with_gbuffer(beside(&albedo, &normal));
         }
+        odd_features(albedo.data().chunks_exact(3), normal.data().chunks_exact(3), &mut self.notes);
         close_black_background(&self.radiance, normal.data_mut(), 3);
         self.features = Some(Features::Apart(albedo, normal));
         Ok(self)
@@ -124,7 +133,7 @@ impl Frame {
         (self.radiance, self.features)
     }
 
-    /// What was mended, for people.
+    /// Notes for people on pixels that were replaced and on odd values.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -162,6 +171,33 @@ fn shape(image: &Image, what: &str, channels: usize, of: Option<&Image>) -> Resu
             of.height()
         ))),
         _ => Ok(()),
+    }
+}
+
+/// The largest value of half precision: renderers write it for all that is brighter.
+const HALF: f32 = 65504.0;
+
+/// How far beyond its range an albedo or the length of a normal may be: filters and compression do so much.
+const SLACK: f32 = 0.01;
+
+/// Tells of an albedo beyond 0 to 1, and of normals longer than 1.
+fn odd_features<'a>(
+    albedo: impl Iterator<Item = &'a [f32]>,
+    normals: impl Iterator<Item = &'a [f32]>,
+    notes: &mut Vec<String>,
+) {
+    let (mut of, mut outside, mut long) = (0, 0, 0);
+    for value in albedo.flatten() {
+        of += 1;
+        outside += usize::from(!(-SLACK..=1.0 + SLACK).contains(value));
+    }
+    if outside > 0 {
+        notes.push(format!("{outside} of {of} values of the albedo are not from 0 to 1; check the albedo"));
+    }
+    let longest = (1.0 + SLACK) * (1.0 + SLACK);
+    normals.for_each(|normal| long += usize::from(normal.iter().map(|v| v * v).sum::<f32>() > longest));
+    if long > 0 {
+        notes.push(format!("{long} of {} normals are longer than 1; they must be unit vectors", of / 3));
     }
 }
 
@@ -214,6 +250,33 @@ mod tests {
 
     fn image(channels: usize, value: f32) -> Image {
         Image::from_data(4, 3, channels, vec![value; 12 * channels]).expect("fits")
+    }
+
+    #[test]
+    fn values_out_of_range_are_told() {
+        let notes = |albedo: f32, normal: f32| {
+            let (albedo, mut normals) = (image(3, albedo), image(3, 0.0));
+            normals.data_mut().iter_mut().step_by(3).for_each(|value| *value = normal);
+            let frame = || Frame::new(image(3, 1.0)).expect("finite");
+            let together = frame().with_gbuffer(beside(&albedo, &normals)).expect("fits").notes().to_vec();
+            assert_eq!(frame().with_features(albedo, normals).expect("fits").notes(), together);
+            together.join("; ")
+        };
+        for (albedo, normal) in [(0.0, 1.0), (1.005, -1.005), (-0.005, 0.0)] {
+            assert_eq!(notes(albedo, normal), "");
+        }
+        for albedo in [1.02, -0.02] {
+            assert_eq!(notes(albedo, 1.0), "36 of 36 values of the albedo are not from 0 to 1; check the albedo");
+        }
+        assert_eq!(notes(0.5, -1.02), "12 of 12 normals are longer than 1; they must be unit vectors");
+        // A pixel that is replaced counts once.
+        let mut radiance = image(3, 1.0);
+        radiance.pixel_mut(3, 2)[1] = f32::NEG_INFINITY;
+        assert_eq!(Frame::new(radiance.clone()).expect("others are finite").notes().len(), 1);
+        radiance.pixel_mut(0, 0).copy_from_slice(&[-1.0, HALF, 0.0]);
+        let frame = Frame::new(radiance).expect("others are finite");
+        assert!(frame.notes()[1].starts_with("1 values are 65504"), "{:?}", frame.notes());
+        assert!(frame.notes()[2].starts_with("1 values are negative"), "{:?}", frame.notes());
     }
 
     #[test]

@@ -1,7 +1,7 @@
-/* The bundled denoiser of tauflow. `cargo build --release -p tauflow-denoiser-c` makes libtauflow_denoise.so (or
- * .dylib, .dll); link with -ltauflow_denoise. See docs/denoise.md.
+/* The bundled denoiser of tauflow. `cargo build --release -p tauflow-denoiser-c` makes libtauflow_denoiser_c.so (or
+ * .dylib, .dll); link with -ltauflow_denoiser_c. See docs/denoise.md.
  *
- *     char error[512];
+ *     char error[1024];
  *     TauflowDenoiser *denoiser = tauflow_denoiser_new("best", error, sizeof error);
  *     if (!denoiser) { fprintf(stderr, "%s\n", error); return 1; }
  *     TauflowFrame frame = {0};
@@ -9,6 +9,7 @@
  *     frame.radiance = radiance, frame.albedo = albedo, frame.normal = normal;
  *     frame.output = output;
  *     if (tauflow_denoise(denoiser, &frame, error, sizeof error) != 0) fprintf(stderr, "%s\n", error);
+ *     else if (error[0]) fprintf(stderr, "note: %s\n", error);
  *     tauflow_denoiser_free(denoiser);
  */
 #ifndef TAUFLOW_DENOISE_H
@@ -45,10 +46,16 @@ typedef struct TauflowFrame {
     double keep;
 } TauflowFrame;
 
+/* sizeof(TauflowFrame) in the library, for callers that do not include this header. */
+size_t tauflow_denoiser_frame_size(void);
+
 /* Loads the models `best` or `fast`. NULL if there is no such name; `error` then says so. */
 TauflowDenoiser *tauflow_denoiser_new(const char *weights, char *error, size_t error_size);
 
-/* Denoises a frame. 0 if it is done; otherwise `output` is unchanged, and `error` says why. */
+/* Denoises a frame. 0 if it is done; otherwise `output` is unchanged, and `error` says why. If it is done, `error` has
+ * a line for each thing that looks wrong: pixels that are not finite (they are replaced by the mean of those around
+ * them), negative values, values that half precision cut, an albedo beyond 0 to 1, normals longer than 1. It is empty
+ * if there is none. Texts are cut to `error_size` bytes, the last of them 0. */
 int tauflow_denoise(const TauflowDenoiser *denoiser, const TauflowFrame *frame, char *error, size_t error_size);
 
 /* Frees the models; NULL is allowed. */

@@ -39,15 +39,15 @@ pub struct TauflowFrame {
     pub keep: f64,
 }
 
-/// Runs a function; an error, or a panic, becomes a text in `error`.
+/// Runs a function; what it tells, an error, or a panic, becomes a text in `error`.
 ///
 /// # Safety
 /// `error` is null, or points at `size` writable bytes.
-unsafe fn told<T>(error: *mut c_char, size: usize, f: impl FnOnce() -> Result<T, KindError>) -> Option<T> {
-    let message = match catch_unwind(AssertUnwindSafe(f)) {
-        Ok(Ok(value)) => return Some(value),
-        Ok(Err(error)) => error.to_string(),
-        Err(_) => "an internal error of tauflow".to_owned(),
+unsafe fn told<T>(error: *mut c_char, size: usize, f: impl FnOnce() -> Result<(T, String), KindError>) -> Option<T> {
+    let (done, message) = match catch_unwind(AssertUnwindSafe(f)) {
+        Ok(Ok((value, notes))) => (Some(value), notes),
+        Ok(Err(error)) => (None, error.to_string()),
+        Err(_) => (None, "an internal error of tauflow".to_owned()),
     };
     if !error.is_null() && size > 0 {
         let bytes = message.as_bytes();
@@ -58,7 +58,13 @@ unsafe fn told<T>(error: *mut c_char, size: usize, f: impl FnOnce() -> Result<T,
             *error.add(count) = 0;
         }
     }
-    None
+    done
+}
+
+/// The size of a [`TauflowFrame`] in bytes: what a caller was written for can be compared with it.
+#[unsafe(no_mangle)]
+pub extern "C" fn tauflow_denoiser_frame_size() -> usize {
+    size_of::<TauflowFrame>()
 }
 
 /// Loads the models of a name.
@@ -77,7 +83,7 @@ pub unsafe extern "C" fn tauflow_denoiser_new(
         let name = name.to_string_lossy();
         let found = Weights::ALL.into_iter().find(|weights| weights.name() == name);
         let found = found.ok_or_else(|| KindError::Input(format!("no weights `{name}`; use `best` or `fast`")))?;
-        Denoiser::built_in(found)
+        Ok((Denoiser::built_in(found)?, String::new()))
     };
     // SAFETY: as the caller says.
     let loaded = unsafe { told(error, error_size, load) };
@@ -116,21 +122,21 @@ pub unsafe extern "C" fn tauflow_denoise(
             return Err(KindError::Input("the denoiser or the frame is NULL".into()));
         };
         // SAFETY: as the caller says of the frame.
-        let image = unsafe { denoised(denoiser, frame) }?;
+        let (image, notes) = unsafe { denoised(denoiser, frame) }?;
         // SAFETY: `denoised` refuses a null pointer; otherwise the caller says that it has room for the image. Inputs
         // were copied, so that it may be one of them.
         unsafe { std::ptr::copy_nonoverlapping(image.data().as_ptr(), frame.output, image.data().len()) };
-        Ok(())
+        Ok(((), notes))
     };
     // SAFETY: as the caller says.
     c_int::from(unsafe { told(error, error_size, denoise) }.is_none())
 }
 
-/// The frame denoised.
+/// The frame denoised, and what its pixels tell, a line each.
 ///
 /// # Safety
 /// Images are null or have 3 x width x height floats.
-unsafe fn denoised(denoiser: &Denoiser, frame: &TauflowFrame) -> Result<Image, KindError> {
+unsafe fn denoised(denoiser: &Denoiser, frame: &TauflowFrame) -> Result<(Image, String), KindError> {
     let (width, height) = (frame.width, frame.height);
     let count = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(3));
     let count = count.filter(|count| (3..=isize::MAX as usize / 8).contains(count)).ok_or_else(|| {
@@ -162,5 +168,6 @@ unsafe fn denoised(denoiser: &Denoiser, frame: &TauflowFrame) -> Result<Image, K
         strength: 1.0 - frame.keep,
         ..Settings::default()
     };
-    Ok(denoiser.denoise(&given, &settings, &mut |_, _| Ok(()))?.image)
+    let notes = given.notes().join("\n");
+    Ok((denoiser.denoise(&given, &settings, &mut |_, _| Ok(()))?.image, notes))
 }

@@ -10,8 +10,10 @@ use std::{
     ptr,
 };
 use tauflow_data::{Image, rng::Stream};
-use tauflow_denoise::{TauflowFrame, tauflow_denoise, tauflow_denoiser_free, tauflow_denoiser_new};
 use tauflow_denoiser::{Denoiser, Frame, Settings, Weights};
+use tauflow_denoiser_c::{
+    TauflowFrame, tauflow_denoise, tauflow_denoiser_frame_size, tauflow_denoiser_free, tauflow_denoiser_new,
+};
 
 const WIDTH: usize = 24;
 const HEIGHT: usize = 17;
@@ -43,7 +45,9 @@ fn text(error: &[c_char]) -> String {
 
 #[test]
 fn images_are_those_of_the_library() {
-    let [radiance, albedo, normal] = [1, 2, 3].map(made_up);
+    let [radiance, albedo, mut normal] = [1, 2, 3].map(made_up);
+    // Not longer than 1.
+    normal.iter_mut().for_each(|value| *value *= 0.5);
     let mut error: [c_char; 200] = [0; 200];
     // SAFETY: the name ends in 0, and the text has 200 bytes.
     let denoiser = unsafe { tauflow_denoiser_new(c"fast".as_ptr(), error.as_mut_ptr(), error.len()) };
@@ -77,8 +81,8 @@ fn images_are_those_of_the_library() {
 
 #[test]
 fn what_is_wrong_is_told_and_nothing_is_written() {
-    let mut error: [c_char; 200] = [0; 200];
-    // SAFETY: the name ends in 0, and the text has 200 bytes.
+    let mut error: [c_char; 400] = [0; 400];
+    // SAFETY: the name ends in 0, and the text has 400 bytes.
     let none = unsafe { tauflow_denoiser_new(c"better".as_ptr(), error.as_mut_ptr(), error.len()) };
     assert!(none.is_null() && text(&error).contains("`better`"), "{}", text(&error));
     // SAFETY: null is allowed.
@@ -106,9 +110,39 @@ fn what_is_wrong_is_told_and_nothing_is_written() {
     }
     // SAFETY: null is refused.
     assert_eq!(unsafe { tauflow_denoise(ptr::null(), &fine, error.as_mut_ptr(), error.len()) }, 1);
+    assert!(output.iter().all(|value| *value == 7.0));
+    // A frame with odd values is denoised, and they are told.
+    let mut odd = radiance.clone();
+    (odd[0], odd[300], odd[301]) = (f32::NAN, -1.0, 65504.0);
+    let tenfold: Vec<f32> = radiance.iter().map(|value| 10.0 * value + 2.0).collect();
+    let features = TauflowFrame { albedo: tenfold.as_ptr(), normal: tenfold.as_ptr(), ..fine };
+    // SAFETY: images have the size of the frame.
+    let code = unsafe {
+        let odd = TauflowFrame { radiance: odd.as_ptr(), ..features };
+        tauflow_denoise(denoiser, &odd, error.as_mut_ptr(), error.len())
+    };
+    let lines = [
+        "1 of 408 pixels of radiance",
+        "1 values are 65504",
+        "1 values are negative",
+        "1224 of 1224 values of the albedo",
+        "408 of 408 normals",
+    ];
+    let found = text(&error);
+    assert_eq!((code, found.lines().count()), (0, lines.len()), "{found}");
+    for (line, part) in found.lines().zip(lines) {
+        assert!(line.starts_with(part), "{found}");
+    }
+    // A short buffer gets the first bytes.
+    // SAFETY: as above, and the text has 5 bytes.
+    let code = unsafe {
+        let odd = TauflowFrame { radiance: odd.as_ptr(), ..features };
+        tauflow_denoise(denoiser, &odd, error.as_mut_ptr(), 5)
+    };
+    assert_eq!((code, text(&error).as_str()), (0, "1 of"));
     // SAFETY: it was made above, and is used no more.
     unsafe { tauflow_denoiser_free(denoiser) };
-    assert!(output.iter().all(|value| *value == 7.0));
+    assert!(output.iter().all(|value| value.is_finite()));
 }
 
 #[test]
@@ -145,7 +179,7 @@ fn the_header_has_the_layout_of_the_frame() {
         std::mem::offset_of!(TauflowFrame, spp),
         std::mem::offset_of!(TauflowFrame, exposure),
         std::mem::offset_of!(TauflowFrame, keep),
-        size_of::<TauflowFrame>(),
+        tauflow_denoiser_frame_size(),
     ];
     assert_eq!(found, expected);
 }

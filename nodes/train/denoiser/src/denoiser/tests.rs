@@ -149,6 +149,30 @@ fn the_exposure_of_the_frame_does_not_matter() {
 }
 
 #[test]
+fn an_exposure_that_leaves_no_light_is_refused() {
+    let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+    let lit = Frame::new(made_up(40, 24, 3, 1)).expect("finite");
+    let of = |frame: &Frame, exposure: f64, tile| {
+        let settings = Settings { exposure: Some(exposure), tile, ..Settings::default() };
+        let made = denoiser.denoise(frame, &settings, &mut quiet).map(|denoised| denoised.image);
+        let in_place = denoiser.denoise_in_place(frame.clone(), &settings, &mut quiet).map(|denoised| denoised.image);
+        assert_eq!(made.as_ref().ok(), in_place.as_ref().ok());
+        made.map_err(|error| error.to_string())
+    };
+    for tile in [None, Some(16)] {
+        let told = of(&lit, 1e-300, tile).expect_err("nothing is left");
+        assert!(told.contains("an exposure of 1e-300 makes the exposed image black; raise the exposure"), "{told}");
+        let told = of(&lit, 1e300, tile).expect_err("too much");
+        assert!(told.contains("values of the exposed image are not finite; lower the exposure"), "{told}");
+    }
+    // A part of an image may be black, and so may all of it.
+    let mut half = lit.radiance().clone();
+    half.data_mut()[..3 * 40 * 16].fill(0.0);
+    of(&Frame::new(half).expect("finite"), 0.5, Some(16)).expect("the other half has light");
+    of(&Frame::new(Image::new(40, 24, 3)).expect("finite"), 1.0, None).expect("there was none");
+}
+
+#[test]
 fn a_black_background_has_no_share_in_the_exposure_which_is_four_times_as_bright() {
     let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
     let own = made_up(48, 32, 3, 1);
