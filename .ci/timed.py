@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from pathlib import Path
 
 # Far more than any test program takes. One that hangs must leave the others their time.
@@ -89,21 +90,24 @@ def run(command: list[str]) -> int:
 
 
 def summary(path: str) -> None:
-    """Prints what the programs took, the slowest tests, and what was skipped."""
+    """Prints what was skipped, the slowest tests, and what the programs took: the costliest last, next to the end."""
     rows = [json.loads(line) for line in Path(path).read_text(encoding="utf-8").splitlines()]
-    print(f"{'wall s':>8} {'CPU s':>8}  test program")
-    for row in sorted(rows, key=lambda row: -row["cpu_s"]):
+    for title in ["skipped", "part"]:
+        notes = Counter(
+            f"{row['program']} {note}" for row in rows for note in row["notes"] if note.startswith(title)
+        )
+        print(f"{sum(notes.values())} notes: {title}" if notes else f"no notes: {title}")
+        for note, count in notes.items():
+            print(f"  {note}" + (f" ({count} times)" if count > 1 else ""))
+        print()
+    tests = [(seconds, row["program"], name) for row in rows for name, seconds in row["tests"]]
+    print(f"{'wall s':>8}  slowest tests")
+    for seconds, program, name in sorted(tests)[-30:]:
+        print(f"{seconds:8.1f}  {program} {name}")
+    print(f"\n{'wall s':>8} {'CPU s':>8}  test program")
+    for row in sorted(rows, key=lambda row: row["cpu_s"]):
         print(f"{row['wall_s']:8.1f} {row['cpu_s']:8.1f}  {row['program']} ({len(row['tests'])} tests)")
     print(f"{sum(r['wall_s'] for r in rows):8.1f} {sum(r['cpu_s'] for r in rows):8.1f}  together")
-    tests = [(seconds, row["program"], name) for row in rows for name, seconds in row["tests"]]
-    print(f"\n{'wall s':>8}  slowest tests")
-    for seconds, program, name in sorted(tests, reverse=True)[:30]:
-        print(f"{seconds:8.1f}  {program} {name}")
-    for title in ["part", "skipped"]:
-        notes = [f"{row['program']} {note}" for row in rows for note in row["notes"] if note.startswith(title)]
-        print(f"\n{len(notes)} notes: {title}" if notes else f"\nno notes: {title}")
-        for note in notes:
-            print(f"  {note}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 //! The command line: parses arguments, runs one command, and returns an exit code. Results go to stdout, messages to
 //! stderr.
 
+#![warn(clippy::print_stderr, clippy::print_stdout)]
+
 #[macro_use]
 mod output;
 
@@ -15,6 +17,7 @@ mod exec_args;
 mod executor;
 mod explain;
 mod export;
+mod inputs;
 mod inspect;
 mod notify;
 mod page;
@@ -101,7 +104,10 @@ impl From<Problems> for CliError {
 
 impl From<CacheError> for CliError {
     fn from(error: CacheError) -> Self {
-        Self::Environment(error.to_string())
+        match error {
+            CacheError::PinName { .. } => Self::Bad(error.to_string()),
+            other => Self::Environment(other.to_string()),
+        }
     }
 }
 
@@ -291,13 +297,13 @@ pub fn main() -> ExitCode {
         Err(error) => {
             let exit = match &error {
                 CliError::Problems(problems) => {
-                    eprint!("{}", problems.render(terminal::colours()));
+                    err!("{}", problems.render(terminal::colours()));
                     return Exit::Bad.into();
                 }
                 CliError::Bad(_) => Exit::Bad,
                 CliError::Environment(_) => Exit::Environment,
             };
-            eprintln!("error: {error}");
+            errln!("error: {error}");
             exit.into()
         }
     }

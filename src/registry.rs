@@ -10,6 +10,7 @@ pub use tauflow_eval::{
     bounded,
 };
 pub use tauflow_render::{
+    choices::Choices,
     quality_gate::geometric_mean_luminance,
     render::{Goal, RenderStats, Rendered, Setup, Stage, render_image},
     samples::{Sample, render_samples},

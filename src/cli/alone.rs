@@ -77,7 +77,7 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     let upstream = match cache.upstream()? {
         Some(Address::Folder(folder)) => Some(Address::Folder(absolute(folder)?)),
         Some(Address::Objects(_)) if args.sandbox => {
-            eprintln!("note: the sandbox has no network, so the upstream is not used");
+            errln!("note: the sandbox has no network, so the upstream is not used");
             None
         }
         other => other,
@@ -116,11 +116,11 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
     folder.clear()?;
     Ok(match ended {
         Ended::Limit => {
-            eprintln!("error: the action was stopped at its time limit; nothing was recorded");
+            errln!("error: the action was stopped at its time limit; nothing was recorded");
             Exit::Failed
         }
         Ended::Interrupted => {
-            eprintln!("stopped; nothing was recorded");
+            errln!("stopped; nothing was recorded");
             Exit::Interrupted
         }
         Ended::Itself(status, told) => {
@@ -132,7 +132,7 @@ pub(super) fn alone(args: &ExecArgs, cache: &CacheAt) -> Result<Exit, CliError> 
                 Some(130) => Exit::Interrupted,
                 Some(_) => Exit::Environment,
                 None => {
-                    eprintln!("error: the action's process was killed ({status})");
+                    errln!("error: the action's process was killed ({status})");
                     Exit::Failed
                 }
             }

@@ -207,7 +207,7 @@ fn verify(store: &Store, sample: Option<f64>) -> Result<Exit, CliError> {
     if !report.is_damaged() {
         return Ok(Exit::Done);
     }
-    eprintln!(
+    errln!(
         "damaged or lost results are rebuilt by the next run that needs them; `tauflow cache gc --lost` deletes the \
         others"
     );

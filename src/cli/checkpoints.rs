@@ -90,9 +90,9 @@ pub(crate) fn checkpoints(args: &CheckpointsArgs, registry: &Registry, cache: &C
     if rows.len() > 1 {
         out!("{}", table(&rows));
     }
-    missing.iter().for_each(|why| eprintln!("note: {why}"));
+    missing.iter().for_each(|why| errln!("note: {why}"));
     if args.out.is_some() {
-        eprintln!("wrote {}", counted(written.len() as u64, "checkpoint"));
+        errln!("wrote {}", counted(written.len() as u64, "checkpoint"));
         written.iter().for_each(|path| outln!("{}", path.display()));
     }
     Ok(if rows.len() > 1 { Exit::Done } else { Exit::Failed })

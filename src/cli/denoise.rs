@@ -4,6 +4,7 @@ mod layers;
 
 use super::{
     CliError, Exit, counted,
+    inputs::Inputs,
     scene::{check_picture, is_stream, told, write_layers, write_picture},
     seconds_text, terminal,
 };
@@ -19,9 +20,6 @@ use tauflow_data::{Image, image_io::ExrLayer, views::Views};
 
 /// Most bytes of a model.
 const LARGEST: u64 = 1 << 32;
-
-/// The largest value of half precision: renderers write it for all that is brighter.
-const HALF: f32 = 65504.0;
 
 /// Arguments of `denoise`.
 #[derive(Args)]
@@ -59,9 +57,10 @@ pub(crate) struct DenoiseArgs {
     #[arg(long, value_name = "LAYER")]
     variance: Option<String>,
     /// The layer of --variance holds the variance of single samples, as `tauflow render --variance` and pbrt write it.
+    /// It needs an --spp of at least 2.
     #[arg(long, requires_all = ["variance", "spp"])]
     per_sample: bool,
-    /// Samples per pixel, if they are known and the same in all pixels. Counts from 64 on count as unknown.
+    /// Samples per pixel, if they are known and the same in all pixels. Larger counts than 511 count as unknown.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     spp: Option<u64>,
     /// Share of the denoised image in the result, from 0 to 1.
@@ -91,6 +90,10 @@ struct Job {
 }
 
 pub(crate) fn denoise(args: &DenoiseArgs) -> Result<Exit, CliError> {
+    if args.per_sample && args.spp == Some(1) {
+        let what = "--per-sample --spp 1: one sample per pixel has no variance; leave --variance and --per-sample out";
+        return Err(CliError::Bad(what.into()));
+    }
     let jobs = jobs(args)?;
     let denoiser = match &args.model {
         None => {
@@ -126,7 +129,7 @@ pub(crate) fn denoise(args: &DenoiseArgs) -> Result<Exit, CliError> {
     if failed == 0 {
         return Ok(Exit::Done);
     }
-    eprintln!("{} of {} failed", failed, counted(jobs.len() as u64, "image"));
+    errln!("{} of {} failed", failed, counted(jobs.len() as u64, "image"));
     Ok(Exit::Failed)
 }
 
@@ -142,9 +145,13 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
             images.push(path.clone());
         }
     }
+    // Albedo and normals may lie in files beside an image.
+    let parts = images.iter().filter_map(|image| beside(image)).flatten();
+    let given = [&args.albedo, &args.normal, &args.model].into_iter().flatten().cloned();
+    let inputs = Inputs::of(images.iter().cloned().chain(parts).chain(given));
     if let ([image], false, false) = (&images[..], folders, args.out.is_dir()) {
         check_picture(&args.out)?;
-        differs(image, &args.out)?;
+        inputs.spare(&args.out)?;
         return Ok(vec![Job { image: image.clone(), out: args.out.clone() }]);
     }
     if args.albedo.is_some() {
@@ -162,7 +169,7 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
     let mut jobs: Vec<Job> = Vec::new();
     for image in images {
         let out = args.out.join(image.file_name().unwrap_or_default());
-        differs(&image, &out)?;
+        inputs.spare(&out)?;
         if let Some(other) = jobs.iter().find(|job| job.out == out) {
             return Err(CliError::Bad(format!(
                 "{} and {} have the same name, so their results would be one file; denoise them one after the other",
@@ -173,16 +180,6 @@ fn jobs(args: &DenoiseArgs) -> Result<Vec<Job>, CliError> {
         jobs.push(Job { image, out });
     }
     Ok(jobs)
-}
-
-/// Refuses to write a result over its image.
-fn differs(image: &Path, out: &Path) -> Result<(), CliError> {
-    let same = |path: &Path| path.canonicalize().ok();
-    if !is_stream(out) && same(out).is_some_and(|to| same(image) == Some(to)) {
-        let name = image.display();
-        return Err(CliError::Bad(format!("{name} would be overwritten by its result; name another one with -o")));
-    }
-    Ok(())
 }
 
 /// Suffixes of the files of OIDN's examples.
@@ -245,7 +242,7 @@ fn one(args: &DenoiseArgs, denoiser: &BundledDenoiser, settings: &DenoiseSetting
     let Denoised { image, exposure, with_gbuffer, kept } = &denoised;
     let features = if *with_gbuffer { "albedo and normals" } else { "RGB alone" };
     let kept = kept.map(|share| format!(", {:.1}% of the noisy image kept", 100.0 * share)).unwrap_or_default();
-    eprintln!(
+    errln!(
         "{name}: {} x {}, {features}, exposure {exposure:.4}, {}{kept}",
         image.width(),
         image.height(),
@@ -280,14 +277,6 @@ fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Option<Image>, Vec<S
     let radiance = layers.image(&name)?;
     if !name.is_empty() {
         notes.push(format!("radiance is the layer `{name}`"));
-    }
-    let clamped = radiance.data().iter().filter(|value| **value == HALF).count();
-    if clamped > 0 {
-        notes.push(format!("{clamped} values are 65504, the most that half precision holds: they may be cut"));
-    }
-    let negative = radiance.data().iter().filter(|value| **value < 0.0).count();
-    if negative > 0 {
-        notes.push(format!("{negative} values are negative; they are denoised as they are"));
     }
     let mut frame = Frame::new(radiance).map_err(told)?;
     if !args.rgb
@@ -332,11 +321,6 @@ fn features(
             }
         },
     };
-    let outside = albedo.data().iter().filter(|value| !(-0.01..=1.01).contains(*value)).count();
-    if outside > 0 {
-        let of = albedo.data().len();
-        notes.push(format!("{outside} of {of} values of the albedo are not from 0 to 1; check the layer"));
-    }
     let (normal, told) = camera_normals(normal, args.normals, camera)?;
     notes.extend(told);
     Ok(Some((albedo, normal)))

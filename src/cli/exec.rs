@@ -85,7 +85,7 @@ pub(crate) fn exec(args: &ExecArgs, registry: &Registry, cache: &CacheAt) -> Res
             Ok(Exit::Done)
         }
         Err(ExecError::Failed(message)) => {
-            eprintln!("error: {message}");
+            errln!("error: {message}");
             Ok(Exit::Failed)
         }
         Err(other) => Err(other.into()),

@@ -69,11 +69,13 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
         false => Radiance { exposure: exposures.of_item(key), raw: args.raw },
     };
     let mut out = DiskFolder::new(&args.out);
-    folder::begin(&out).map_err(unwritten)?;
+    if args.format == Format::Folder {
+        folder::begin(&out);
+    }
     let node = &pipeline.nodes[asked.node];
     if args.format == Format::Noisebase {
         write_samples(args, &ctx, (&asked, &found), &store, &mut out)?;
-        eprintln!("{}", counted(found.iter().count() as u64, "item"));
+        errln!("{}", counted(found.iter().count() as u64, "item"));
         outln!("{}", args.out.display());
         return Ok(Exit::Done);
     }
@@ -96,7 +98,7 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
     };
     let count = found.iter().count() as u64;
     if args.format != Format::Folder {
-        eprintln!("{}", counted(count, "item"));
+        errln!("{}", counted(count, "item"));
         outln!("{}", args.out.display());
         return Ok(Exit::Done);
     }
@@ -107,7 +109,7 @@ pub(crate) fn export(args: &ExportArgs, registry: &Registry, cache: &CacheAt) ->
         items,
     };
     folder::finish(&mut out, &manifest).map_err(unwritten)?;
-    eprintln!("{}", counted(count, "item"));
+    errln!("{}", counted(count, "item"));
     outln!("{}", args.out.display());
     Ok(Exit::Done)
 }

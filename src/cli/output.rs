@@ -1,4 +1,4 @@
-//! Output to stdout, and formatting of numbers and tables. Knows no command.
+//! Output to stdout and stderr, and formatting of numbers and tables. Knows no command.
 
 use std::{borrow::Cow, fmt, io::Write, process};
 
@@ -10,6 +10,22 @@ macro_rules! out {
 /// Prints a line of results, as `println!` does; see [`show`].
 macro_rules! outln {
     ($($text:tt)*) => { $crate::cli::output::show(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// Mentions something on stderr, as `eprint!` does; see [`mention`].
+macro_rules! err {
+    ($($text:tt)*) => { $crate::cli::output::mention(format_args!($($text)*)) };
+}
+
+/// Mentions a line on stderr, as `eprintln!` does; see [`mention`].
+macro_rules! errln {
+    ($($text:tt)*) => { $crate::cli::output::mention(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// Writes to stderr. A reader that has gone away (`tauflow run ... 2>&1 | head`) misses what is said, and ends nothing:
+/// `eprintln!` would panic in the middle of a run.
+pub(crate) fn mention(text: fmt::Arguments<'_>) {
+    let _ = std::io::stderr().lock().write_all(text.to_string().as_bytes());
 }
 
 /// Writes to stdout. A reader that has gone away (`tauflow schema | head`) ends the program quietly, and a full disk
@@ -51,7 +67,7 @@ fn put(text: &str) {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             process::exit(0);
         }
-        eprintln!("error: cannot write to stdout: {error}");
+        errln!("error: cannot write to stdout: {error}");
         process::exit(3);
     }
 }

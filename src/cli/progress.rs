@@ -126,7 +126,7 @@ impl Voice {
                 // The terminal going away must not stop the run.
                 let _ = bars.println(text);
             }
-            None => eprintln!("{text}"),
+            None => errln!("{text}"),
         }
     }
 }
@@ -236,7 +236,7 @@ impl Display {
                 bar.set_message(text);
             }
             None if due < OVERALL_EVERY => return,
-            None => eprintln!("all: {}", text(state).1),
+            None => errln!("all: {}", text(state).1),
         }
         state.overall_told = Instant::now();
     }
@@ -328,9 +328,9 @@ impl Display {
                 if (ended && !shown.told_end) || (!ended && due) {
                     shown.told = Some(Instant::now());
                     shown.told_end = ended;
-                    eprintln!("{name}: {}", node_text(node, known, queued));
+                    errln!("{name}: {}", node_text(node, known, queued));
                     for (at, long) in node.long(LONG).take(MOST_PARTS) {
-                        eprintln!("  {}: {}", title(at), long_text(long));
+                        errln!("  {}: {}", title(at), long_text(long));
                     }
                 }
             }

@@ -2,6 +2,7 @@
 
 use super::{
     CliError, Exit,
+    inputs::Inputs,
     scene::{check_picture, is_stream, told, write_picture},
     seconds_text,
 };
@@ -61,6 +62,7 @@ fn device(text: &str) -> Result<NetworkDevice, String> {
 
 pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     check_picture(&args.out)?;
+    Inputs::of([&args.model, &args.image].into_iter().chain(&args.gbuffer)).spare(&args.out)?;
     let views = Views::try_from(args.mirrors).map_err(|e| CliError::Bad(format!("--mirrors {}: {e}", args.mirrors)))?;
     let read = |path: &PathBuf| read_exr(path).map_err(|e| CliError::Bad(e.to_string()));
     let bytes = read_regular(&args.model, LARGEST)
@@ -103,6 +105,11 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     let start = Instant::now();
     let exposed = image.map(|v| (f64::from(v) * exposure) as f32);
     finite(&exposed, "the exposed image", "lower --exposure")?;
+    let lit = |image: &Image| image.data().iter().any(|value| *value > 0.0);
+    if lit(&image) && !lit(&exposed) {
+        let what = format!("an exposure of {exposure:e} makes the exposed image black; raise --exposure");
+        return Err(CliError::Bad(what));
+    }
     let to = args.to_spp.map_or(model.clock().n_max(), |n| n as f64);
     let model = Mirrored::new(&model, views);
     let refined = match args.from_spp {
@@ -124,7 +131,7 @@ pub(crate) fn refine(args: &RefineArgs) -> Result<Exit, CliError> {
     finite(&refined, "the refined image", "the solver cannot process this image; try a different --exposure or image")?;
     write_picture(&args.out, &refined)?;
     let from = args.from_spp.map_or_else(|| "unknown".into(), |from| from.to_string());
-    eprintln!(
+    errln!(
         "{from} spp -> {to} spp in {} and {}, exposure {exposure:.4}",
         super::counted(args.nfe, "network call"),
         seconds_text(seconds)

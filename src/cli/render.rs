@@ -2,15 +2,15 @@
 
 use super::{
     CacheAt, CliError, Exit,
-    scene::{FilmArgs, SceneArgs, check_picture, is_stream, told, write_layers, write_picture},
+    scene::{FilmArgs, Opened, SceneArgs, check_picture, is_stream, told, write_layers, write_picture},
     seconds_text, terminal,
     tev::Tev,
 };
 use crate::{
     kinds::Registry,
     registry::{
-        BundledDenoiser, BundledWeights, DenoiseSettings, Frame, Goal, RenderStats, Rendered, Setup, Stage, Until,
-        render_image,
+        BundledDenoiser, BundledWeights, Choices, DenoiseSettings, Frame, Goal, RenderStats, Rendered, Setup, Stage,
+        Until, render_image,
     },
 };
 use clap::Args;
@@ -24,6 +24,12 @@ use tauflow_data::{Image, IntegratorKind, SamplerKind, image_io::ExrLayer, recor
 
 /// How often a viewer gets the image.
 const SHOWN_EVERY: Duration = Duration::from_millis(500);
+
+/// Fewest samples that have a variance.
+const LEAST_OF_VARIANCE: u64 = 2;
+
+/// Why a single sample is refused.
+const ALONE: &str = "one sample per pixel has no variance, which --variance asks for";
 
 /// Arguments of `render`.
 #[derive(Args)]
@@ -60,7 +66,7 @@ pub(crate) struct RenderArgs {
     /// Samples per pixel of these layers.
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u64).range(1..=65536))]
     gbuffer_samples: u64,
-    /// Add the layer `variance`: the variance of single samples.
+    /// Add the layer `variance`: the variance of single samples. It needs at least 2 samples per pixel.
     #[arg(long)]
     variance: bool,
     /// Denoise the image with the bundled model, as `tauflow denoise` does. An .exr keeps the noisy image as the layer
@@ -104,6 +110,14 @@ impl RenderArgs {
             return bad("samples of --sampler sobol depend on each other, so that their variance says nothing of the \
                  error; leave --error and --variance out, or use --sampler independent"
                 .to_owned());
+        }
+        let (most, option) = match (self.error, self.seconds) {
+            (Some(_), _) => (self.at_most, "--at-most"),
+            (None, Some(_)) => (u64::MAX, "--seconds"),
+            (None, None) => (self.film.spp, "--spp"),
+        };
+        if self.variance && most < LEAST_OF_VARIANCE {
+            return bad(format!("{option} {most}: {ALONE}; raise {option} to 2 or more, or leave --variance out"));
         }
         Ok(())
     }
@@ -172,7 +186,8 @@ impl Shown<'_> {
 
 pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     args.check()?;
-    let (scene, source, film) = args.scene.open(&args.film, registry, cache)?;
+    let Opened { scene, source, film, inputs } = args.scene.open(&args.film, registry, cache)?;
+    inputs.spare(&args.out)?;
     let resolution = args.film.resolution(film)?;
     let name = args.out.display().to_string();
     let size = (resolution.width(), resolution.height());
@@ -185,12 +200,13 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     // Set when the scene is ready: reading it is no part of the time that paths take.
     let ready = std::cell::Cell::new(begun);
     let mut last = Duration::ZERO;
+    let least = if args.variance { LEAST_OF_VARIANCE } else { 1 };
     let mut fits = |done: u64| {
         // As many more samples as were taken last must fit, too.
         let (now, limit) = (ready.get().elapsed(), args.seconds.unwrap_or_default());
         let next = now + now.saturating_sub(last);
         last = now;
-        done == 0 || next.as_secs_f64() <= limit
+        done < least || next.as_secs_f64() <= limit
     };
     let goal = match (args.error, args.seconds) {
         (Some(relative_error), _) => Goal::Error(Until::new(relative_error, args.at_most)),
@@ -201,6 +217,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
         film: resolution,
         sampler: args.sampler(),
         integrator: args.integrator(),
+        choices: Choices::default(),
         gbuffer_samples: (args.gbuffer || args.denoise).then_some(args.gbuffer_samples),
     };
     // An error of the viewer is not one of the scene.
@@ -223,6 +240,10 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     })
     .map_err(|error| failed.take().unwrap_or_else(|| told(error)))?;
     shown.bar.finish_and_clear();
+    if rendered.stats.samples < least {
+        // Only --error ends so early by itself.
+        return Err(CliError::Bad(format!("{ALONE}; ask for a smaller --error, or leave --variance out")));
+    }
     shown.show(&rendered.image)?;
     let denoised = if args.denoise { Some(denoised(args, &rendered)?) } else { None };
     write(args, &rendered, denoised)?;
@@ -245,12 +266,15 @@ fn denoised(args: &RenderArgs, rendered: &Rendered) -> Result<Image, CliError> {
     if samples > 1 && args.sampler() == SamplerKind::Independent {
         frame = frame.with_variance(rendered.variance.map(|v| v / samples as f32), Some(samples)).map_err(told)?;
     }
+    for note in frame.notes() {
+        terminal::note(note);
+    }
     let denoiser = BundledDenoiser::built_in(BundledWeights::Best).map_err(told)?;
     let settings = DenoiseSettings { spp: Some(samples), ..DenoiseSettings::default() };
     let begun = Instant::now();
     let denoised = denoiser.denoise(&frame, &settings, &mut |_, _| Ok(())).map_err(told)?;
     let kept = denoised.kept.map(|share| format!(", {:.1}% of the noisy image kept", 100.0 * share));
-    eprintln!("denoised in {}{}", seconds_text(begun.elapsed().as_secs_f64()), kept.unwrap_or_default());
+    errln!("denoised in {}{}", seconds_text(begun.elapsed().as_secs_f64()), kept.unwrap_or_default());
     Ok(denoised.image)
 }
 
@@ -277,7 +301,7 @@ fn write(args: &RenderArgs, rendered: &Rendered, denoised: Option<Image>) -> Res
 }
 
 fn report(args: &RenderArgs, stats: &RenderStats, read: f64, seconds: f64) {
-    eprintln!(
+    errln!(
         "{} samples per pixel, {} paths in {} ({:.2} million per second), {:.2} segments per path, {} rejected; scene \
          ready after {}",
         stats.samples,
@@ -289,9 +313,9 @@ fn report(args: &RenderArgs, stats: &RenderStats, read: f64, seconds: f64) {
         seconds_text(read)
     );
     match stats.error {
-        Some(error) => eprintln!("{}", sureness(args.error, error, stats.samples)),
+        Some(error) => errln!("{}", sureness(args.error, error, stats.samples)),
         None if args.error.is_some() => {
-            eprintln!("expected error unknown: no sample found light; check the lights, or render with --spp");
+            errln!("expected error unknown: no sample found light; check the lights, or render with --spp");
         }
         None => {}
     }

@@ -24,7 +24,7 @@ pub(crate) fn collection(of: &Selection<'_>, store: &Store) -> Result<Collection
 pub(crate) fn restore(of: &Selection<'_>, store: &Store) -> Result<(), CliError> {
     let pipeline = of.pipeline();
     let node = &pipeline.nodes[of.node].name;
-    eprintln!("results of `{node}` are missing from the cache; rebuilding them");
+    errln!("results of `{node}` are missing from the cache; rebuilding them");
     let display = Display::new(pipeline, false);
     // Stopped by Ctrl-C as every program is: what is done is kept.
     let stop = AtomicBool::new(false);

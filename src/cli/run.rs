@@ -166,7 +166,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         ..RunOptions::default()
     };
     // The results are there, whatever becomes of the record.
-    let unrecorded = |error: RunsError| eprintln!("warning: this run is not recorded: {error}");
+    let unrecorded = |error: RunsError| errln!("warning: this run is not recorded: {error}");
     let recorded = record.write(&cache.folder()).map_err(unrecorded).is_ok();
     // It has a name from now on.
     options.run = recorded.then(|| record.id.clone());
@@ -200,12 +200,12 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     let published = summary.as_ref().map_or(&[][..], |summary| &summary.published);
     let notes = observer.map(|observer| observer.conclude(&record, published));
-    notes.iter().flatten().for_each(|note| eprintln!("warning: {note}"));
+    notes.iter().flatten().for_each(|note| errln!("warning: {note}"));
     if recorded && let Err(error) = record.conclude(&cache.folder()) {
         unrecorded(error);
     }
     if let Some(note) = args.notify.as_ref().and_then(|to| notify::send(to, &record)) {
-        eprintln!("note: {note}");
+        errln!("note: {note}");
     }
     let summary = summary?;
     there?;
@@ -214,10 +214,10 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     tell(&summary, &pipeline, args, cache);
     if let Some(machine) = measured.words() {
         let how = if measured.accepted { "accepted from" } else { "made on" };
-        eprintln!("measurements: {how} {machine}");
+        errln!("measurements: {how} {machine}");
     }
     if let Some(traffic) = cache.reader()?.and_then(|reader| reader.traffic()) {
-        eprintln!("upstream: {}", upstream::traffic_text(traffic));
+        errln!("upstream: {}", upstream::traffic_text(traffic));
     }
     if summary.interrupted {
         return Ok(Exit::Interrupted);
@@ -227,14 +227,14 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     if !summary.failures.is_empty() || !summary.elsewhere.is_empty() {
         if args.locked || args.update_lock {
-            eprintln!("the lock file was not updated, because not all actions succeeded");
+            errln!("the lock file was not updated, because not all actions succeeded");
         }
         return Ok(Exit::Failed);
     }
     let now = Lock::of(&pipeline.name, &summary.outputs);
     if args.update_lock {
         now.write(&args.lock_path())?;
-        eprintln!("wrote {}", args.lock_path().display());
+        errln!("wrote {}", args.lock_path().display());
     }
     let same = before.is_none_or(|before| tell_differences(&before, &now, args));
     Ok(if same { Exit::Done } else { Exit::Failed })
@@ -281,18 +281,18 @@ fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
     let path = args.lock_path();
     for (output, was, is) in &found.outputs {
         match (was, is) {
-            (Some(was), Some(is)) => eprintln!("`{output}` is {is}; the lock file has {was}"),
-            (None, Some(is)) => eprintln!("`{output}` is {is}; the lock file does not contain it"),
+            (Some(was), Some(is)) => errln!("`{output}` is {is}; the lock file has {was}"),
+            (None, Some(is)) => errln!("`{output}` is {is}; the lock file does not contain it"),
             (was, None) => {
                 let was = was.map(|digest| digest.to_string()).unwrap_or_default();
-                eprintln!("`{output}` is {was} in the lock file; this run did not produce it");
+                errln!("`{output}` is {was} in the lock file; this run did not produce it");
             }
         }
     }
     if found.outputs.is_empty() {
-        eprintln!("{} agrees: {}", path.display(), counted(found.equal as u64, "output"));
+        errln!("{} agrees: {}", path.display(), counted(found.equal as u64, "output"));
     } else {
-        eprintln!(
+        errln!(
             "error: {} differ from {}; find the reason, or accept them with --update-lock",
             counted(found.outputs.len() as u64, "output"),
             path.display()
@@ -319,25 +319,25 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
     let whole = summary.failures.is_empty() && summary.elsewhere.is_empty() && !summary.interrupted;
     if ran == 0 && whole {
-        eprintln!("nothing to do: {} up to date ({elapsed})", counted(hit, "result"));
+        errln!("nothing to do: {} up to date ({elapsed})", counted(hit, "result"));
     } else {
-        eprint!("{}", table(&rows(summary)));
+        err!("{}", table(&rows(summary)));
         let written = bytes_text(summary.total(|n| n.written));
         let failed = summary.total(|n| n.failed);
         let failed = if failed > 0 { format!(", {failed} failed") } else { String::new() };
-        eprintln!("{} ran, {hit} as before{failed}; {written} made ({elapsed})", counted(ran, "action"));
+        errln!("{} ran, {hit} as before{failed}; {written} made ({elapsed})", counted(ran, "action"));
         // Where the time went, if anybody would ask.
         let long = summary.slowest.iter().filter(|slow| slow.spent_s >= 1.0);
         let named = |slow: &event::Slow| format!("{} {}", slow.name(), seconds_text(slow.spent_s));
         let long: Vec<String> = long.take(SLOWEST).map(named).collect();
         if !long.is_empty() {
-            eprintln!("slowest: {}", long.join(", "));
+            errln!("slowest: {}", long.join(", "));
         }
     }
     if args.recheck > 0.0 || args.audit > 0.0 {
         let engine::Compared { equal, differing } = summary.compared;
         let which = if args.recheck > 0.0 { "recheck" } else { "audit" };
-        eprintln!("{which}: {} made again, {differing} of them different", counted(equal + differing, "result"));
+        errln!("{which}: {} made again, {differing} of them different", counted(equal + differing, "result"));
     }
     show_failures(&summary.failures, &again);
     if args.events.is_some() {
@@ -346,10 +346,10 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
     if let Some(share) = args.shard
         && let Some(missing) = missing(&summary.elsewhere, share.count())
     {
-        eprintln!("{missing}");
+        errln!("{missing}");
     }
     if summary.interrupted {
-        eprintln!("stopped; to resume, run: {again}");
+        errln!("stopped; to resume, run: {again}");
     }
     let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
     let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));
@@ -401,7 +401,7 @@ fn show_failures(failures: &[Failure], again: &str) {
         let item = [&first.cell, &first.item].iter().filter(|p| !p.is_empty()).map(|p| p.as_str()).collect::<Vec<_>>();
         let more =
             if group.len() > 1 { format!(" and {} more with the same cause", group.len() - 1) } else { String::new() };
-        eprintln!("\nfailed: {node} {}{more}\n  {}", item.join("/"), first.message);
-        eprintln!("  retry: {again} --only {}", first.only());
+        errln!("\nfailed: {node} {}{more}\n  {}", item.join("/"), first.message);
+        errln!("  retry: {again} --only {}", first.only());
     }
 }

@@ -54,7 +54,7 @@ impl From<RunsError> for CliError {
 /// The records of the cache; damaged ones are named.
 pub(super) fn records(cache: &CacheAt) -> Result<Vec<RunRecord>, CliError> {
     let (records, damaged) = runs::read_all(&cache.folder())?;
-    damaged.iter().for_each(|damaged| eprintln!("warning: {damaged}"));
+    damaged.iter().for_each(|damaged| errln!("warning: {damaged}"));
     Ok(records)
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
         return Ok(Exit::Done);
     }
     if shown.is_empty() {
-        eprintln!("no runs are recorded in {}", cache.folder().display());
+        errln!("no runs are recorded in {}", cache.folder().display());
         return Ok(Exit::Done);
     }
     let heads = ["run", "date (UTC)", "pipeline", "outcome", "ran", "as before", "failed", "made", "elapsed"];
@@ -97,7 +97,7 @@ pub(crate) fn runs(args: &RunsArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     rows.extend(shown.iter().map(row));
     out!("{}", table(&rows));
     if left_out > 0 {
-        eprintln!("{} not shown; show more with --last {}", counted(left_out as u64, "earlier run"), records.len());
+        errln!("{} not shown; show more with --last {}", counted(left_out as u64, "earlier run"), records.len());
     }
     Ok(Exit::Done)
 }

@@ -5,6 +5,7 @@
 
 use super::{
     CacheAt, CliError, Exit, PipelineArgs,
+    inputs::Inputs,
     results::{collection, unread},
 };
 use crate::{
@@ -132,8 +133,16 @@ pub(crate) enum Source {
     File(BTreeMap<Digest, Vec<u8>>),
 }
 
-/// A scene, its meshes and textures, and the pixels of its own film.
-pub(crate) type Opened = (Scene, Source, Option<[u32; 2]>);
+/// A scene that was read.
+pub(crate) struct Opened {
+    pub(crate) scene: Scene,
+    /// Its meshes and textures.
+    pub(crate) source: Source,
+    /// Pixels of its own film.
+    pub(crate) film: Option<[u32; 2]>,
+    /// The files that it was read from.
+    pub(crate) inputs: Inputs,
+}
 
 impl Source {
     pub(crate) fn blob(&self, digest: &Digest) -> Result<Vec<u8>, KindError> {
@@ -169,7 +178,7 @@ impl SceneArgs {
             }
             None => self.of_folder()?,
         };
-        Ok((scene, source, None))
+        Ok(Opened { scene, source, film: None, inputs: Inputs::of([self.own_file()]) })
     }
 
     /// Opens a file of another program. An `object` may lack a camera and lights.
@@ -189,19 +198,25 @@ impl SceneArgs {
             fallback: object.then(hazy),
         };
         let loaded = load_scene_in(&self.scene, self.root.as_deref(), &setting, options).map_err(told)?;
-        loaded.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        loaded.notes.iter().for_each(|note| errln!("note: {note}"));
         let framed = loaded.framed && self.view.is_none();
         match (framed, loaded.lit) {
-            (true, true) => eprintln!("note: no camera and no light: as with --view fit --env sky"),
-            (true, false) => eprintln!("note: no camera: as with --view fit"),
-            (false, true) => eprintln!("note: no light: as with --env sky"),
+            (true, true) => errln!("note: no camera and no light: as with --view fit --env sky"),
+            (true, false) => errln!("note: no camera: as with --view fit"),
+            (false, true) => errln!("note: no light: as with --env sky"),
             (false, false) => {}
         }
-        Ok((loaded.scene, Source::File(loaded.blobs), loaded.film))
+        let inputs = Inputs::of(loaded.files.into_iter().chain(self.env.clone()));
+        Ok(Opened { scene: loaded.scene, source: Source::File(loaded.blobs), film: loaded.film, inputs })
+    }
+
+    /// The file that says what the scene is: in a folder, its `scene.json`.
+    fn own_file(&self) -> PathBuf {
+        if self.scene.is_dir() { self.scene.join(SceneRecord::FILE) } else { self.scene.clone() }
     }
 
     fn of_folder(&self) -> Result<(Scene, Source), CliError> {
-        let file = if self.scene.is_dir() { self.scene.join(SceneRecord::FILE) } else { self.scene.clone() };
+        let file = self.own_file();
         let bytes =
             read_regular(&file, LARGEST).map_err(|e| CliError::Bad(format!("cannot read {}: {e}", file.display())))?;
         let scene: Scene = serde_json::from_slice(&bytes).map_err(|e| {
@@ -243,7 +258,7 @@ pub(crate) fn is_stream(path: &Path) -> bool {
 }
 
 /// The file that a path leads to through links, be it there or not: a file is replaced, a link to it is not.
-fn target(path: &Path) -> PathBuf {
+pub(crate) fn target(path: &Path) -> PathBuf {
     // As many links as Linux follows.
     const MOST: usize = 40;
     let mut path = path.to_owned();
@@ -257,7 +272,7 @@ fn target(path: &Path) -> PathBuf {
 }
 
 /// Writes a file at once, and through links; a pipe or a device gets the bytes.
-fn deliver(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
+pub(crate) fn deliver(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     if is_stream(path) {
         return std::fs::OpenOptions::new()
             .write(true)
@@ -268,12 +283,24 @@ fn deliver(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     Ok(publish::write(&target(path), bytes)?)
 }
 
-/// Images are written as .exr or .png, and to pipes and devices.
+/// Images are written as .exr or .png, and to pipes and devices. A place where there can be no file is told before the
+/// work, not after it.
 pub(crate) fn check_picture(path: &Path) -> Result<(), CliError> {
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("exr" | "png") => Ok(()),
-        _ if is_stream(path) => Ok(()),
-        _ => Err(CliError::Bad(format!("{} must end in .exr or .png", path.display()))),
+    let name = path.display();
+    if is_stream(path) {
+        return Ok(());
+    }
+    if !matches!(path.extension().and_then(|e| e.to_str()), Some("exr" | "png")) {
+        return Err(CliError::Bad(format!("{name} must end in .exr or .png")));
+    }
+    let place = target(path);
+    if place.is_dir() {
+        return Err(CliError::Bad(format!("{name} is a folder; name a file in it")));
+    }
+    let above = place.ancestors().skip(1).find(|above| above.symlink_metadata().is_ok());
+    match above.filter(|above| !above.is_dir()) {
+        Some(above) => Err(CliError::Bad(format!("{name} cannot be a file, because {} is no folder", above.display()))),
+        None => Ok(()),
     }
 }
 
@@ -299,10 +326,25 @@ pub(crate) fn told(error: KindError) -> CliError {
     }
 }
 
+/// Refuses to export to Mitsuba over the files of the scene.
+fn spare(inputs: &Inputs, out: &Path) -> Result<(), CliError> {
+    for entry in std::fs::read_dir(out).into_iter().flatten().flatten() {
+        if mitsuba::writes(&entry.file_name().to_string_lossy())
+            && let Some(name) = inputs.at(&entry.path())
+        {
+            let (name, out) = (name.display(), out.display());
+            let what = format!("{name} is read, and would be overwritten by the export to {out}");
+            return Err(CliError::Bad(format!("{what}; name another directory with -o")));
+        }
+    }
+    Ok(())
+}
+
 pub(crate) fn scene(command: &SceneCommand, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
     let SceneCommand::Mitsuba { scene, film, out } = command;
-    let (scene, source, own) = scene.open(film, registry, cache)?;
+    let Opened { scene, source, film: own, inputs } = scene.open(film, registry, cache)?;
     let resolution = film.resolution(own)?;
+    spare(&inputs, out)?;
     let film = Film { width: resolution.width(), height: resolution.height(), spp: film.spp };
     mitsuba::export(&scene, &mut |digest| source.blob(digest), out, film).map_err(told)?;
     outln!("{}", out.join("scene.xml").display());

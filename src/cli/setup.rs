@@ -32,7 +32,7 @@ pub(crate) fn init(args: &InitArgs, registry: &Registry) -> Result<Exit, CliErro
         fs::write(&path, text).map_err(failed)?;
         outln!("{}", path.display());
     }
-    eprintln!("next: tauflow run {}", args.dir.join("pipeline.yaml").display());
+    errln!("next: tauflow run {}", args.dir.join("pipeline.yaml").display());
     Ok(Exit::Done)
 }
 

@@ -62,6 +62,6 @@ pub(crate) fn note(text: &str) {
     match &*BARS.lock().unwrap_or_else(PoisonError::into_inner) {
         // The terminal going away must not stop a run.
         Some(bars) => drop(bars.println(text)),
-        None => eprintln!("{text}"),
+        None => errln!("{text}"),
     }
 }

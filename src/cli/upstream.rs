@@ -127,7 +127,7 @@ pub(crate) fn traffic_text(of: Traffic) -> String {
 /// Tells on the standard error what an object store was asked.
 fn tell_traffic(upstream: &Upstream) {
     if let Some(traffic) = upstream.traffic() {
-        eprintln!("upstream: {}", traffic_text(traffic));
+        errln!("upstream: {}", traffic_text(traffic));
     }
 }
 
@@ -146,7 +146,7 @@ fn is_sound(record: &Record) -> bool {
 
 /// Prints notes; damage makes the command fail, so that scripts notice.
 fn noted(notes: &[String]) -> Exit {
-    notes.iter().for_each(|note| eprintln!("note: {note}"));
+    notes.iter().for_each(|note| errln!("note: {note}"));
     if notes.is_empty() { Exit::Done } else { Exit::Failed }
 }
 
@@ -177,7 +177,7 @@ pub(crate) struct PushArgs {
 /// Makes a pair of keys, and prints the public one.
 pub(crate) fn keygen(file: &Path) -> Result<Exit, CliError> {
     let (public, beside) = SecretKey::generate(file)?;
-    eprintln!("wrote the secret key {} and the public key {}", file.display(), beside.display());
+    errln!("wrote the secret key {} and the public key {}", file.display(), beside.display());
     outln!("{public}");
     Ok(Exit::Done)
 }
@@ -292,8 +292,8 @@ pub(crate) fn publish(
     let pushed = send().map_err(|error| {
         CliError::Environment(format!("the results are in the cache, but were not pushed: {error}; try `cache push`"))
     })?;
-    lines(&pushed, "pushed").iter().for_each(|line| eprintln!("{line}"));
-    pushed.notes.iter().for_each(|note| eprintln!("note: {note}"));
+    lines(&pushed, "pushed").iter().for_each(|line| errln!("{line}"));
+    pushed.notes.iter().for_each(|note| errln!("note: {note}"));
     Ok(())
 }
 

@@ -5,6 +5,7 @@ mod gallery;
 use super::{
     CacheAt, CliError, Exit, PipelineArgs, bytes_text, counted, quoted,
     results::{collection, restore, unread},
+    scene::{deliver, is_stream, target},
     tev::Tev,
 };
 use crate::{
@@ -25,7 +26,7 @@ use std::{
 use tauflow_cache::Store;
 use tauflow_contract::{Artifact, Collection, Context, ItemKey, KindError, Media as _, Silent};
 use tauflow_data::records::{BridgeSteps, Generated, Ladder, PackedScene, REASONS, Refined, Rollout};
-use tauflow_viewer::{Head, Page, ViewerError};
+use tauflow_viewer::{Head, ONE_FILE, Page, ViewerError};
 
 /// Arguments of `view`.
 #[derive(Args)]
@@ -36,7 +37,7 @@ pub(crate) struct ViewArgs {
     node: String,
     /// One item: a scene, or `cell/scene`. Default: all scenes of the node.
     item: Option<String>,
-    /// The page to write. Default: `NODE.html`, or `ITEM.html`.
+    /// The page to write. Default: `NODE.html`, or `ITEM.html`. A pipe or device gets a page without a folder.
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Write the data to a folder beside the page, even if they are small; data beyond 30 MiB always are.
@@ -63,6 +64,11 @@ struct Sources<'a> {
 }
 
 pub(crate) fn view(args: &ViewArgs, registry: &Registry, cache: &CacheAt) -> Result<Exit, CliError> {
+    if args.folder && is_stream(&args.page()) {
+        let page = args.page();
+        let what = format!("{} is no file, and has no folder beside it; leave --folder out", page.display());
+        return Err(CliError::Bad(what));
+    }
     let pipeline = args.pipeline.resolve(registry)?;
     let asked = Selection::parse(&args.node, &pipeline)?;
     let store = cache.look()?;
@@ -117,7 +123,7 @@ impl<'a> Sources<'a> {
             match sources.selection(output)?.collection(store) {
                 Ok(items) => drop(sources.items.insert(output, by_scene(&items, &sources.scenes))),
                 Err(EngineError::Request(_) | EngineError::Lost(_)) => {
-                    eprintln!("`{}` is not up to date; the viewer leaves it out", sources.name(output));
+                    errln!("`{}` is not up to date; the viewer leaves it out", sources.name(output));
                 }
                 Err(error) => return Err(error.into()),
             }
@@ -220,10 +226,17 @@ fn write(mut gallery: Gallery<'_>, args: &ViewArgs, sources: &Sources<'_>, cache
         ViewerError::Io { .. } => CliError::Environment(error.to_string()),
         ViewerError::Image { .. } => CliError::Bad(error.to_string()),
     };
-    let mut page = Page::new(&path, args.folder.then_some(0));
+    let stream = is_stream(&path);
+    let mut page = if stream { Page::in_memory() } else { Page::new(target(&path), args.folder.then_some(0)) };
     for scene in &sources.scenes {
         let scene = gallery.scene(scene)?;
         page.add(scene, gallery.frames(), gallery.tracks()).map_err(failed)?;
+        if stream && page.bytes() > ONE_FILE {
+            let (path, most) = (path.display(), bytes_text(ONE_FILE as u64));
+            let what =
+                format!("data beyond {most} need a folder, which {path} cannot have; name a file with -o, or one ITEM");
+            return Err(CliError::Bad(what).into());
+        }
     }
     let (frames, tracks) = gallery.finished();
     if frames.is_empty() {
@@ -237,10 +250,17 @@ fn write(mut gallery: Gallery<'_>, args: &ViewArgs, sources: &Sources<'_>, cache
         first: gallery.first(),
         reasons: REASONS.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
     };
+    if stream {
+        // It may be stdout itself, and gets the page alone.
+        let text = page.text(&head, &frames, &tracks).map_err(failed)?;
+        deliver(&path, text.as_bytes())?;
+        errln!("{}, {}", counted(sources.scenes.len() as u64, "scene"), bytes_text(text.len() as u64));
+        return Ok(());
+    }
     let written = page.finish(&head, &frames, &tracks).map_err(failed)?;
     let folder = written.folder.as_ref().map_or_else(String::new, |folder| format!(", with {}", folder.display()));
-    eprintln!("{}, {}{folder}", counted(written.scenes as u64, "scene"), bytes_text(written.bytes));
-    outln!("{}", written.page.display());
+    errln!("{}, {}{folder}", counted(written.scenes as u64, "scene"), bytes_text(written.bytes));
+    outln!("{}", path.display());
     Ok(())
 }
 
@@ -254,7 +274,7 @@ fn send(mut gallery: Gallery<'_>, address: &str) -> Result<(), Failure> {
             let mut tev = Tev::connect(address, &name, (image.width(), image.height()))?;
             tev.show(image)?;
         }
-        eprintln!("{} sent", counted(scene.images.len() as u64, "image"));
+        errln!("{} sent", counted(scene.images.len() as u64, "image"));
     }
     Ok(())
 }

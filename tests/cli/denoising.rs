@@ -107,6 +107,10 @@ fn images_of_any_renderer_are_denoised_by_the_layers_that_they_have() {
     of("variance.exr", &["--variance", "Variance", "--per-sample", "--spp", "4"], "kept");
     let error = denoise("variance.exr", &["-o", "x.exr", "--variance", "Variance", "--per-sample"]).ends(2).err;
     assert!(error.contains("--spp"), "{error}");
+    let one = ["--variance", "variance", "--per-sample", "--spp", "1", "-o", "x.exr"];
+    let error = denoise("variance.exr", &one).ends(2).err;
+    assert!(error.contains("one sample per pixel has no variance; leave --variance and --per-sample out"), "{error}");
+    assert!(!place.path("x.exr").exists());
 }
 
 #[test]
@@ -142,6 +146,38 @@ fn folders_are_denoised_and_one_bad_image_does_not_stop_the_others() {
 }
 
 #[test]
+fn no_file_that_is_read_is_written_over() {
+    let place = Place::new();
+    let [noisy, albedo, normal] = layers();
+    for (name, image) in [("ok.exr", &noisy), ("A.exr", &albedo), ("N.exr", &normal)] {
+        write(&place, name, &[("", RGB, image)]);
+    }
+    for (name, image) in [("o.hdr.exr", &noisy), ("o.alb.exr", &albedo), ("o.nrm.exr", &normal)] {
+        write(&place, name, &[("", RGB, image)]);
+    }
+    fs::create_dir(place.path("out")).expect("writable");
+    for (link, to) in [("link.exr", "A.exr"), ("out/ok.exr", "../N.exr")] {
+        std::os::unix::fs::symlink(to, place.path(link)).expect("writable");
+    }
+    let parts = ["--albedo", "A.exr", "--normal", "N.exr"];
+    for (image, more, out, read) in [
+        ("ok.exr", &parts[..], "A.exr", "A.exr"),
+        ("ok.exr", &parts, "N.exr", "N.exr"),
+        ("ok.exr", &parts, "link.exr", "A.exr"),
+        ("o.hdr.exr", &[], "o.alb.exr", "o.alb.exr"),
+        ("ok.exr", &[], "ok.exr", "ok.exr"),
+    ] {
+        let before = fs::read(place.path(out)).expect("written");
+        let said = place.tauflow(&[&["denoise", image, "-o", out], more].concat()).ends(2);
+        assert!(said.err.contains(&format!("{read} is read, and would be overwritten")), "{}", said.err);
+        assert!(fs::read(place.path(out)).expect("still there") == before, "{out}");
+    }
+    // A result is not written over another one's image, either.
+    let said = place.tauflow(&["denoise", "ok.exr", "N.exr", "-o", "out"]).ends(2);
+    assert!(said.err.contains("N.exr is read, and would be overwritten by the result out/ok.exr"), "{}", said.err);
+}
+
+#[test]
 fn odd_images_are_told_of() {
     let place = Place::new();
     let [mut noisy, albedo, normal] = layers();
@@ -166,6 +202,12 @@ fn odd_images_are_told_of() {
     write(&place, "nothing.exr", &[("", RGB, &albedo.map(|_| f32::NAN))]);
     let error = place.tauflow(&["denoise", "nothing.exr", "-o", "x.exr"]).ends(2).err;
     assert!(error.contains("nothing.exr: ") && error.contains("no finite pixel"), "{error}");
+    // An exposure of which nothing is left.
+    let error = place.tauflow(&["denoise", "half.exr", "--exposure", "1e-300", "-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("half.exr: ") && error.contains("raise the exposure"), "{error}");
+    let error = place.tauflow(&["denoise", "half.exr", "--exposure", "1e300", "-o", "x.exr"]).ends(2).err;
+    assert!(error.contains("values of the exposed image are not finite; lower the exposure"), "{error}");
+    assert!(!place.path("x.exr").exists());
     // All black: nothing to see, and nothing to divide by.
     write(&place, "black.exr", &[("", RGB, &small)]);
     place.tauflow(&["denoise", "black.exr", "-o", "out.exr"]).ends(0);

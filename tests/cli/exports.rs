@@ -83,6 +83,27 @@ fn raw_undoes_the_exposure_and_metadata_names_space_and_factor() {
     }
 }
 
+#[test]
+fn a_manifest_stays_unless_an_export_of_folders_replaces_it() {
+    let place = Place::with(PIPELINE);
+    place.tauflow(&["run", "small.yaml", "--target", "ladders"]).ends(0);
+    fs::create_dir(place.path("exported")).expect("writable");
+    place.write("exported/manifest.json", "theirs");
+    let manifest = || fs::read_to_string(place.path("exported/manifest.json")).unwrap_or_default();
+    let export =
+        |node: &str, more: &[&str]| place.tauflow(&[&["export", "small.yaml", node, "-o", "exported"], more].concat());
+    for format in ["npz", "safetensors", "webdataset", "oidn", "csv", "parquet", "noisebase"] {
+        export("ladders", &["--format", format, "--samples", "1"]).ends(0);
+        assert_eq!(manifest(), "theirs", "{format}");
+    }
+    // Scenes have no rungs, and no item has this key.
+    export("scenes", &["--format", "oidn"]).ends(2);
+    export("ladders", &["--item", "none"]).ends(2);
+    assert_eq!(manifest(), "theirs");
+    export("ladders", &[]).ends(0);
+    assert!(manifest().contains("tauflow/ladder"), "{}", manifest());
+}
+
 /// A renderer that copies an image, once the scene's exposure is known.
 const THEIRS: &str = "
   theirs:

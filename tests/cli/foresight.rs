@@ -277,6 +277,20 @@ fn items_that_a_node_gathers_from_cells_may_meet_items_of_these_cells() {
 }
 
 #[test]
+fn the_noise_of_a_reference_needs_its_ladder_and_its_exposure() {
+    let scores = "inputs: { images: refined, references: test_set }";
+    let ladder = scores.replace("test_set", "test_set, held_out: test_ladders");
+    one(&[(scores, &ladder)], &["this needs `exposure`, too, which is not connected", "connect both"]);
+    let exposure = scores.replace("test_set", "test_set, exposure: gate.exposure");
+    one(&[(scores, &exposure)], &["this needs `held_out`, too, which is not connected", "connect both"]);
+    let both = scores.replace("test_set", "test_set, held_out: test_ladders, exposure: gate.exposure");
+    assert_eq!(told(&[(scores, &both)]), "");
+    // Another ladder than that of the references.
+    let other = both.replace("test_ladders", "previews");
+    one(&[(scores, &other)], &["the last rung of `previews` has 4 samples, but that of `test_set` has 8"]);
+}
+
+#[test]
 fn nodes_whose_items_have_the_same_keys_cannot_share_an_input() {
     let other = "  filtered: { kind: guided_filter, inputs: { endpoints: test_set }, params: { from: 2 } }
   filter_scores: { kind: image_metrics, inputs: { images: filtered, references: test_set } }

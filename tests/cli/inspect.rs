@@ -97,6 +97,26 @@ fn a_reader_that_goes_away_is_no_failure() {
     assert_eq!(err, "");
 }
 
+#[test]
+fn a_run_of_which_nobody_reads_the_progress_goes_on() {
+    for executor in ["threads", "process"] {
+        let place = Place::new();
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut run = place.command(&["run", "small.yaml", "--executor", executor]);
+        // A run that waited for a thread that is gone would never end.
+        let mut run = run.stdout(Stdio::null()).stderr(writer).spawn().expect("the program starts");
+        let ended = (0..600).find_map(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(100));
+            run.try_wait().expect("a child of ours")
+        });
+        let _ = run.kill();
+        assert!(ended.expect("it ends").success(), "{executor}");
+        let said = place.tauflow(&["run", "small.yaml"]).ends(0);
+        assert!(said.err.contains("nothing to do"), "{executor}: {}", said.err);
+    }
+}
+
 /// What a shell writes, if there is one.
 fn shell(place: &Place, name: &str, arguments: &[&str], need: Need) -> Option<String> {
     match Command::new(name).args(arguments).current_dir(place.path("")).stdin(Stdio::null()).output() {

@@ -57,3 +57,14 @@ fn child_processes_give_the_digests_of_threads() {
     let wrong = place.tauflow(&["exec", "--batch", "small.yaml"]).ends(2);
     assert!(wrong.err.contains("small.yaml is no batch of actions"), "{}", wrong.err);
 }
+
+#[test]
+fn a_target_stores_what_it_passes_on_of_a_transient_node() {
+    let kind = "    kind: scene_generation\n";
+    let place = Place::with(&PIPELINE.replace(kind, &format!("{kind}    transient: true\n")));
+    let said = place.tauflow(&["run", "small.yaml"]).ends(0);
+    assert!(!said.err.contains("rebuilding") && said.err.contains("10 actions ran"), "{}", said.err);
+    place.tauflow(&["export", "small.yaml", "sampling.train", "-o", "scenes"]).ends(0);
+    let said = place.tauflow(&["run", "small.yaml"]).ends(0);
+    assert!(said.err.contains("nothing to do"), "{}", said.err);
+}

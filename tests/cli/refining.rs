@@ -105,6 +105,19 @@ fn an_image_of_any_renderer_is_refined() {
     assert!(ours("by_layers.exr", &[]) == read("apart.exr"));
     assert!(ours("by_file.exr", &["--gbuffer", "ours.exr"]) == read("apart.exr"));
 
+    // None of what is read is written over, also not through a link.
+    std::os::unix::fs::symlink("in.exr", place.path("link.exr")).expect("writable");
+    std::os::unix::fs::symlink("models/conditioning=rgb/model/model.safetensors", place.path("model.exr"))
+        .expect("writable");
+    for (out, name) in [("in.exr", "in.exr"), ("link.exr", "in.exr"), ("model.exr", "model.safetensors")] {
+        let kept = bytes(out);
+        let error = refine("rgb", &["-o", out]).ends(2).err;
+        assert!(error.contains(&format!("{name} is read, and would be overwritten")) && bytes(out) == kept, "{error}");
+    }
+    let kept = bytes(features);
+    let error = refine("gbuffer", &["--gbuffer", features, "-o", features]).ends(2).err;
+    assert!(error.contains("gbuffer.exr is read, and would be") && bytes(features) == kept, "{error}");
+
     // What is wrong is named.
     let mut odd = read_exr(&place.path(features)).expect("an EXR");
     odd.get_mut("normal").expect("the layer").data_mut()[0] = f32::INFINITY;
@@ -125,6 +138,7 @@ fn an_image_of_any_renderer_is_refined() {
         (&["--mirrors", "3", "-o", "x.exr"], "1, 2, 4 or 8"),
         (&["--exposure=-1", "-o", "x.exr"], "positive"),
         (&["--exposure=1e300", "-o", "x.exr"], "lower --exposure"),
+        (&["--exposure=1e-300", "-o", "x.exr"], "raise --exposure"),
         (&["-o", "x.jpg"], ".exr"),
     ] {
         let error = refine("rgb", more).ends(2).err;

@@ -2,7 +2,10 @@
 
 use crate::{Place, Said};
 use std::{fs, io::Read, net::TcpListener, process::Command, thread};
-use tauflow_data::image_io::read_exr;
+use tauflow_data::{
+    Image,
+    image_io::{read_exr, write_exr},
+};
 
 const SCENE: &str = r#"<scene version="3.0.0">
   <integrator type="path"/>
@@ -30,7 +33,32 @@ fn place() -> Place {
 }
 
 fn render(place: &Place, more: &[&str]) -> Said {
-    place.tauflow(&[&["render", "scene.xml", "--spp", "4"], more].concat())
+    render_with("4", place, more)
+}
+
+fn render_with(spp: &str, place: &Place, more: &[&str]) -> Said {
+    place.tauflow(&[&["render", "scene.xml", "--spp", spp], more].concat())
+}
+
+#[test]
+fn a_place_where_no_file_can_be_is_told_before_the_work() {
+    let place = place();
+    fs::create_dir(place.path("folder.exr")).expect("writable");
+    std::os::unix::fs::symlink("folder.exr", place.path("link.exr")).expect("writable");
+    for (out, part) in [
+        ("folder.exr", "folder.exr is a folder; name a file in it"),
+        ("link.exr", "link.exr is a folder"),
+        ("scene.xml/new/x.exr", "because scene.xml is no folder"),
+    ] {
+        let said = render(&place, &["-o", out]).ends(2);
+        assert!(said.err.contains(part) && !said.err.contains("samples per pixel"), "{}", said.err);
+    }
+    // As long as a name can be.
+    let long = "a".repeat(251) + ".exr";
+    for out in [&long, "new/folder/x.exr"] {
+        render(&place, &["-o", out]).ends(0);
+        assert!(place.path(out).is_file(), "{out}");
+    }
 }
 
 #[test]
@@ -57,6 +85,58 @@ fn layers_are_those_that_a_solver_reads() {
         let said = render(&place, more);
         assert!(said.code != 0 && said.err.contains(part), "{said:?}");
     }
+}
+
+#[test]
+fn one_sample_has_no_variance() {
+    let place = place();
+    for (words, part) in [
+        (&["--spp", "1"][..], "--spp 1: one sample per pixel has no variance"),
+        (&["--error", "0.01", "--at-most", "1"], "raise --at-most to 2 or more, or leave --variance out"),
+        // So much error is allowed that one sample is enough.
+        (&["--error", "1e9"], "ask for a smaller --error"),
+    ] {
+        let render = ["render", "scene.xml", "--variance", "-o", "x.exr"];
+        let said = place.tauflow(&[&render[..], words].concat()).ends(2);
+        assert!(said.err.contains(part) && !place.path("x.exr").exists(), "{}", said.err);
+    }
+    // However long a sample takes, there are two. Such a large film gets one at a time.
+    let timed = ["--variance", "--seconds", "1e-9", "--width", "640", "--height", "480", "-o", "x.exr"];
+    let said = place.tauflow(&[&["render", "scene.xml"], &timed[..]].concat()).ends(0);
+    assert!(said.err.contains("\n2 samples per pixel"), "{}", said.err);
+    render_with("2", &place, &["--variance", "-o", "x.exr"]).ends(0);
+    assert!(read_exr(&place.path("x.exr")).expect("an EXR")["variance"].data().iter().any(|v| *v > 0.0));
+}
+
+#[test]
+fn an_image_is_denoised_as_the_command_denoises_its_layers() {
+    let place = place();
+    let image = |file: &str, layer: &str| {
+        read_exr(&place.path(file)).expect("an EXR").remove(layer).unwrap_or_else(|| panic!("{file}: no {layer}"))
+    };
+    render(&place, &["-o", "noisy.exr"]).ends(0);
+    let said = render(&place, &["--denoise", "-o", "clean.exr"]).ends(0);
+    assert!(said.err.contains("denoised in") && said.err.contains("of the noisy image kept"), "{}", said.err);
+    let layers = read_exr(&place.path("clean.exr")).expect("an EXR");
+    assert_eq!(layers.keys().map(String::as_str).collect::<Vec<_>>(), ["", "noisy"]);
+    assert_eq!(layers["noisy"], image("noisy.exr", ""));
+    render(&place, &["--gbuffer", "--variance", "-o", "layers.exr"]).ends(0);
+    let words = ["denoise", "layers.exr", "--variance", "variance", "--per-sample", "--spp", "4", "-o", "other.exr"];
+    place.tauflow(&[&words[..], &["--normals", "camera"]].concat()).ends(0);
+    assert_eq!(layers[""], image("other.exr", ""));
+    render_with("1024", &place, &["-o", "reference.exr"]).ends(0);
+    let reference = image("reference.exr", "");
+    let error = |image: &tauflow_data::Image| -> f64 {
+        image.data().iter().zip(reference.data()).map(|(a, b)| f64::from(a - b).powi(2)).sum()
+    };
+    let (noisy, clean) = (error(&layers["noisy"]), error(&layers[""]));
+    assert!(clean < 0.7 * noisy, "{clean} {noisy}");
+    // One sample has no variance, and a picture has no room for the noisy image.
+    let said = render_with("1", &place, &["--denoise", "-o", "one.png"]).ends(0);
+    assert!(said.err.contains("denoised in") && !said.err.contains("kept"), "{}", said.err);
+    render_with("1", &place, &["-o", "plain.png"]).ends(0);
+    let bytes = |file: &str| fs::read(place.path(file)).expect("written");
+    assert_ne!(bytes("one.png"), bytes("plain.png"));
 }
 
 #[test]
@@ -118,6 +198,66 @@ fn links_are_written_through_and_pipes_get_the_image() {
     }
     let said = render(&place, &["--view", "1", "-o", "x.exr"]).ends(2);
     assert!(said.err.contains("there is no camera 1: it has one camera, counted from 0"), "{}", said.err);
+}
+
+#[test]
+fn no_file_of_the_scene_is_written_over() {
+    let place = place();
+    let map = Image::new(8, 4, 3).map(|_| 1.0);
+    for name in ["map.exr", "texture.exr"] {
+        write_exr(&place.path(name), &[("", &map)]).expect("writable");
+    }
+    let texture = r#"<emitter type="envmap"><string name="filename" value="texture.exr"/></emitter>"#;
+    place.write("lit.xml", &SCENE.replace("LIGHT", texture));
+    for (link, to) in [("link.exr", "map.exr"), ("scene.exr", "scene.xml")] {
+        std::os::unix::fs::symlink(to, place.path(link)).expect("writable");
+    }
+    let bytes = |file: &str| fs::read(place.path(file)).expect("there");
+    for (scene, more, out, read) in [
+        ("scene.xml", &["--env", "map.exr"][..], "map.exr", "map.exr"),
+        ("scene.xml", &["--env", "map.exr"], "link.exr", "map.exr"),
+        ("scene.xml", &[], "scene.exr", "scene.xml"),
+        ("lit.xml", &[], "texture.exr", "texture.exr"),
+    ] {
+        let before = bytes(out);
+        let said = place.tauflow(&[&["render", scene, "--spp", "1", "-o", out], more].concat()).ends(2);
+        assert!(said.err.contains(&format!("{read} is read, and would be overwritten")), "{}", said.err);
+        assert_eq!(bytes(out), before, "{out}");
+    }
+    render(&place, &["-o", "map.exr"]).ends(0);
+    // An export to Mitsuba replaces an earlier one, but not the one that it reads.
+    for _ in 0..2 {
+        place.tauflow(&["scene", "mitsuba", "scene.xml", "-o", "sm"]).ends(0);
+    }
+    let before = bytes("sm/scene.xml");
+    std::os::unix::fs::symlink("sm", place.path("same")).expect("writable");
+    for out in ["sm", "same"] {
+        let said = place.tauflow(&["scene", "mitsuba", "sm/scene.xml", "-o", out]).ends(2);
+        let part = format!("sm/scene.xml is read, and would be overwritten by the export to {out}; name another");
+        assert!(said.err.contains(&part) && bytes("sm/scene.xml") == before, "{}", said.err);
+    }
+}
+
+#[test]
+fn the_root_of_a_scene_may_be_spelled_in_any_way() {
+    let place = place();
+    for folder in ["kitchen", "other"] {
+        fs::create_dir(place.path(folder)).expect("writable");
+    }
+    let include = r#"<include filename="../light.xml"/>"#;
+    place.write("kitchen/scene.xml", &SCENE.replace("LIGHT", include));
+    place.write("light.xml", r#"<scene version="3.0.0"><emitter type="constant"/></scene>"#);
+    std::os::unix::fs::symlink("../kitchen", place.path("other/link")).expect("writable");
+    let render = |path: &str, root: &str| place.tauflow(&["render", path, "--root", root, "--spp", "1", "-o", "x.exr"]);
+    let whole = place.path("").display().to_string();
+    for root in [".", "./", "kitchen/..", &whole] {
+        render("kitchen/scene.xml", root).ends(0);
+    }
+    render("other/../kitchen/scene.xml", ".").ends(0);
+    for path in ["kitchen/scene.xml", "other/../kitchen/scene.xml", "other/link/scene.xml"] {
+        let said = render(path, "other").ends(2);
+        assert!(said.err.contains("does not lie below `other`"), "{}", said.err);
+    }
 }
 
 #[test]

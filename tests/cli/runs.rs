@@ -179,6 +179,12 @@ fn the_cache_is_counted_checked_pinned_and_emptied() {
     let digest = manifest["items"][0]["parts"][""].as_str().expect("the digest of the only part");
     place.tauflow(&["cache", "pin", "mine", digest]).ends(0);
     assert_eq!(place.tauflow(&["cache", "pins"]).ends(0).out, format!("mine  {digest}\n"));
+    for name in ["a b", "", ".a", "a/b"] {
+        for words in [&["pin", name, digest][..], &["unpin", name]] {
+            let said = place.tauflow(&[&["cache"], words].concat()).ends(2);
+            assert!(said.err.contains(&format!("`{name}` is not a valid name of a pin")), "{}", said.err);
+        }
+    }
     place.tauflow(&["cache", "unpin", "mine"]).ends(0);
     assert_eq!(place.tauflow(&["cache", "pins"]).ends(0).out, "");
     let dry = place.tauflow(&["cache", "gc", "--keep-within", "0d", "--dry-run"]).ends(0).out;

@@ -2,7 +2,7 @@
 
 use crate::{Place, exports::PIPELINE, refining};
 use serde_json::{Value, json};
-use std::fs;
+use std::{fs, process::Command};
 use tauflow_data::image_io::read_exr;
 use tauflow_testing::Browser;
 
@@ -48,6 +48,33 @@ fn a_page_has_the_relatives_of_a_node() {
     assert!(far.err.contains("`packed` has no item `nothing`; it has"), "{}", far.err);
     let unwritten = place.tauflow(&["view", "small.yaml", "packed", "-o", "small.yaml/x.html"]).ends(3);
     assert!(unwritten.err.contains("cannot write small.yaml"), "{}", unwritten.err);
+}
+
+#[test]
+fn links_are_written_through_and_pipes_get_the_page() {
+    let place = Place::with(PIPELINE);
+    let program = env!("CARGO_BIN_EXE_tauflow");
+    place.tauflow(&["run", "small.yaml", "--target", "packed"]).ends(0);
+    fs::create_dir(place.path("far")).expect("writable");
+    place.write("far/page.html", "old");
+    std::os::unix::fs::symlink("far/page.html", place.path("link.html")).expect("writable");
+    let said = place.tauflow(&["view", "small.yaml", "packed", "-o", "link.html"]).ends(0);
+    assert_eq!((said.out.as_str(), place.path("link.html").is_symlink()), ("link.html\n", true));
+    assert!(index(&place, "far/page.html")["scenes"].is_array());
+    // Data of a page that a link leads to lie beside the page.
+    place.tauflow(&["view", "small.yaml", "packed", "--folder", "-o", "link.html"]).ends(0);
+    assert!(place.path("link.html").is_symlink() && place.path("far/page_files/s000000.js").exists());
+    // A pipe gets the page and nothing else.
+    let script =
+        format!("mkfifo p.html; {program} view small.yaml packed -o p.html 2>err & timeout 60 cat p.html; wait");
+    let mut command = Command::new("bash");
+    command.args(["-c", &script]).current_dir(place.path("")).env("TAUFLOW_CACHE", place.path("store"));
+    let page = String::from_utf8(command.output().expect("bash starts").stdout).expect("a text");
+    let told = fs::read_to_string(place.path("err")).unwrap_or_default();
+    assert!(page.starts_with("<!DOCTYPE") && page.ends_with("</html>\n"), "{} bytes, {told}", page.len());
+    assert!(!place.path("p.html").is_file());
+    let said = place.tauflow(&["view", "small.yaml", "packed", "--folder", "-o", "p.html"]).ends(2);
+    assert!(said.err.contains("p.html is no file, and has no folder beside it"), "{}", said.err);
 }
 
 #[test]

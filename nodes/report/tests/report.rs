@@ -10,8 +10,8 @@ use std::{
 };
 use tauflow_contract::{Collection, Context, FileTree, Handle, ItemKey, Media, MemoryBlobs, Silent};
 use tauflow_data::{
-    Image,
-    records::{BASIC, Evaluation, Ladder, METRICS, Rung, ScoreTable, higher_is_better},
+    Image, SamplerKind,
+    records::{BASIC, Convergence, Estimate, Evaluation, Ladder, METRICS, Rung, ScoreTable, higher_is_better},
 };
 use tauflow_report::ReportParams;
 
@@ -486,6 +486,54 @@ fn whatever_is_not_connected_is_left_out_and_named() {
     }
     let none = run(&blobs, ReportParams::default(), &BTreeMap::new()).expect_err("the evaluation is required");
     assert!(none.to_string().contains("evaluation"), "{none}");
+}
+
+#[test]
+fn ladders_of_correlated_samples_have_slopes_but_no_moments() {
+    let (blobs, mut inputs, _) = whole();
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let section = |inputs: &BTreeMap<&'static str, Collection>| {
+        let files = run(&blobs, ReportParams::default(), inputs).expect("a report");
+        let html = text(&files, "report.html");
+        check_nesting(&html);
+        let (_, section) = html.split_once("<section id=\"convergence\"").expect("the section");
+        (section.split("</section>").next().expect("its end").to_owned(), text(&files, "convergence.csv"))
+    };
+    let said = |section: &str, of: &str| section.contains(of);
+    let (law, correlated) = ("Variance time assumes", "The samples of these ladders are correlated");
+    let (covariances, sde) = ("Variances and covariances of rungs", "The Monte Carlo SDE compared");
+    let (independent, _) = section(&inputs);
+    assert_eq!([law, correlated, covariances, sde].map(|of| said(&independent, of)), [true, false, true, true]);
+
+    let (_, artifact) = inputs["convergence"].iter().next().expect("one item");
+    let mut convergence =
+        Handle::<Convergence>::new(artifact).and_then(|item| item.load(&ctx)).expect("what the ladders do");
+    // The kind `convergence` leaves these out for such ladders.
+    convergence.sampler = SamplerKind::Sobol;
+    convergence.sde.clear();
+    for scene in &mut convergence.scenes {
+        (scene.variance, scene.off_normal, scene.image) = Default::default();
+        (scene.excess_kurtosis, scene.trusted_from, scene.image_from) = (None, None, None);
+        scene.trust = "none: samples are correlated".into();
+    }
+    for row in convergence.strata.iter_mut().chain([&mut convergence.overall]) {
+        (row.mean, row.covariance, row.off_normal) = Default::default();
+        (row.excess_kurtosis, row.trusted_from) = (None, None);
+        row.slope =
+            row.slope.map(|slope| Estimate { mean: slope.mean - 0.2, low: slope.low - 0.2, high: slope.high - 0.2 });
+    }
+    inputs.insert("convergence", [common::item(&ctx, "convergence", &convergence)].into_iter().collect());
+    let (sobol, csv) = section(&inputs);
+    assert_eq!([law, correlated, covariances, sde].map(|of| said(&sobol, of)), [false, true, false, false]);
+    // Slopes stay, with their intervals, in which the law is not.
+    let total =
+        sobol.split("<tr class=\"total\"").nth(1).and_then(|row| row.split("</tr>").next()).expect("all scenes");
+    let cells = texts(total);
+    assert!(cells.contains(&"−0.698") && cells.contains(&"no") && !cells.contains(&"yes"), "{cells:?}");
+    assert!(sobol.contains("none: samples are correlated") && !sobol.contains("\u{b1}"), "no variances of scenes");
+    let scene = csv.lines().nth(1).expect("a scene");
+    assert!(scene.ends_with(&",".repeat(4 * convergence.counts.len())), "{scene}");
 }
 
 #[test]

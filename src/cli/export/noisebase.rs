@@ -10,7 +10,7 @@ use crate::{
     ids::Id,
     pipeline::Pipeline,
     query::Selection,
-    registry::{Sample, Setup, render_samples},
+    registry::{Choices, Sample, Setup, render_samples},
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -38,6 +38,7 @@ struct Rendering {
     stream: u64,
     sampler: SamplerKind,
     integrator: IntegratorKind,
+    choices: Choices,
 }
 
 /// Writes scenes, one after the other, and at last what describes them.
@@ -121,8 +122,8 @@ impl Scenes {
         let reference = Ladder::load(ctx, ladder)?.rungs.pop();
         let reference = reference.ok_or_else(|| KindError::Input("its ladder has no rungs".into()))?.image;
         let scene = SceneRecord::scene(ctx, Handle::new(scene)?)?;
-        let Rendering { stream, sampler, integrator, .. } = origin.rendering;
-        let setup = Setup { sampler, integrator, ..Setup::new(film) };
+        let Rendering { stream, sampler, integrator, choices, .. } = origin.rendering;
+        let setup = Setup { sampler, integrator, choices, ..Setup::new(film) };
         let mut samples = Vec::new();
         render_samples(&scene, &mut |digest| ctx.get(digest), (setup, stream), self.samples, &mut |sample| {
             samples.push(sample);
