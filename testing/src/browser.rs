@@ -16,6 +16,11 @@ use std::{
 /// How long a page may take to come to a state; more than a busy machine needs.
 const PATIENCE: Duration = Duration::from_secs(180);
 
+/// How often a browser is started that ends before it has a page.
+const STARTS: usize = 3;
+
+const ENDED: &str = "the browser has ended";
+
 /// A browser with one page.
 pub struct Browser {
     child: Child,
@@ -47,29 +52,49 @@ impl Browser {
     /// # Panics
     /// If the browser cannot be driven.
     pub fn start(test: &str) -> Option<Self> {
-        static NUMBER: AtomicU32 = AtomicU32::new(0);
         let Some(program) = program() else {
             skip(Need::Chromium, format!("{test}: there is no Chromium; install it, or name it in TAUFLOW_CHROMIUM"));
             return None;
         };
+        // A browser that starts beside others ends at once now and then, before any page is open. That says nothing
+        // about the page.
+        let mut ends = Vec::new();
+        while ends.len() < STARTS {
+            let Some(begun) = Self::begin(&program) else {
+                skip(Need::Fifo, format!("{test}: mkfifo does not run here"));
+                return None;
+            };
+            match begun {
+                Ok(browser) => return Some(browser),
+                Err(end) => ends.push(end),
+            }
+            eprintln!("{test}: the browser ended as it started: {}", ends[ends.len() - 1]);
+        }
+        panic!("{test}: {program} ended {STARTS} times as it started: {ends:?}");
+    }
+
+    /// A browser with an empty page; if it ended before that, its status and the end of its messages. None without
+    /// `mkfifo`.
+    fn begin(program: &str) -> Option<Result<Self, String>> {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let folder = std::env::temp_dir().join(format!("tauflow-browser-{}-{number}", std::process::id()));
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder).expect("temporary files can be written");
         let (to, from) = (folder.join("to"), folder.join("from"));
         if !mkfifo(&to) || !mkfifo(&from) {
-            skip(Need::Fifo, format!("{test}: mkfifo does not run here"));
             return None;
         }
         let script = r#"exec "$0" --headless --no-sandbox --disable-gpu-sandbox --use-angle=swiftshader \
             --enable-unsafe-swiftshader --disable-dev-shm-usage --no-first-run --disable-extensions \
             --disable-background-networking --user-data-dir="$3" --remote-debugging-pipe about:blank 3<"$1" 4>"$2""#;
         let child = Command::new("sh")
-            .args(["-c", script, &program])
+            .args(["-c", script, program])
             .args([&to, &from, &folder.join("profile")])
+            .env("TMPDIR", &folder)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(File::create(folder.join("messages")).expect("temporary files can be written"))
             .spawn()
             .expect("sh runs");
         // A FIFO opens once both ends are there, and the shell opens them in this order.
@@ -77,13 +102,24 @@ impl Browser {
         let from = BufReader::new(File::open(from).expect("the browser writes it"));
         let (last, problems) = (0, Vec::new());
         let mut own = Self { child, to, from, folder, session: None, last, problems };
-        let page = own.call("Target.createTarget", json!({ "url": "about:blank" }));
+        let Ok(page) = own.exchange("Target.createTarget", json!({ "url": "about:blank" })) else {
+            return Some(Err(own.end()));
+        };
         let attached = own.call("Target.attachToTarget", json!({ "targetId": page["targetId"], "flatten": true }));
         own.session = attached["sessionId"].as_str().map(str::to_owned);
         for domain in ["Page", "Runtime", "Log", "Network"] {
             own.call(&format!("{domain}.enable"), json!({}));
         }
-        Some(own)
+        Some(Ok(own))
+    }
+
+    /// Ends the browser; its status and the end of its messages.
+    fn end(&mut self) -> String {
+        let _ = self.child.kill();
+        let status = self.child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
+        let messages = fs::read(self.folder.join("messages")).unwrap_or_default();
+        let messages = String::from_utf8_lossy(&messages[messages.len().saturating_sub(2000)..]).into_owned();
+        format!("{status}; {messages}")
     }
 
     /// Sends a command, and waits for its answer.
@@ -91,10 +127,13 @@ impl Browser {
     /// # Panics
     /// If the browser has ended, or refuses the command.
     pub fn call(&mut self, method: &str, params: Value) -> Value {
-        self.exchange(method, params).unwrap_or_else(|error| panic!("{method}: {error}"))
+        self.exchange(method, params).unwrap_or_else(|error| {
+            assert!(error != json!(ENDED), "{method}: {ENDED}: {}", self.end());
+            panic!("{method}: {error}")
+        })
     }
 
-    /// Sends a command; its answer, or the browser's error.
+    /// Sends a command; its answer, or the browser's error, which is text if the browser has ended.
     fn exchange(&mut self, method: &str, params: Value) -> Result<Value, Value> {
         self.last += 1;
         let mut message = json!({ "id": self.last, "method": method, "params": params });
@@ -103,19 +142,22 @@ impl Browser {
         }
         let mut bytes = message.to_string().into_bytes();
         bytes.push(0);
-        self.to.write_all(&bytes).and_then(|()| self.to.flush()).expect("the browser runs");
+        self.to.write_all(&bytes).and_then(|()| self.to.flush()).map_err(|_| json!(ENDED))?;
         loop {
-            let message = self.receive();
+            let message = self.receive()?;
             if message["id"] == json!(self.last) {
                 return message.get("error").map_or_else(|| Ok(message["result"].clone()), |error| Err(error.clone()));
             }
         }
     }
 
-    fn receive(&mut self) -> Value {
+    /// The next message, or [`ENDED`].
+    fn receive(&mut self) -> Result<Value, Value> {
         let mut bytes = Vec::new();
         self.from.read_until(0, &mut bytes).expect("the pipe is there");
-        assert_eq!(bytes.pop(), Some(0), "the browser has ended");
+        if bytes.pop() != Some(0) {
+            return Err(json!(ENDED));
+        }
         let message: Value = serde_json::from_slice(&bytes).expect("the browser sends JSON");
         let params = &message["params"];
         match message["method"].as_str() {
@@ -136,7 +178,7 @@ impl Browser {
             }
             _ => {}
         }
-        message
+        Ok(message)
     }
 
     /// Makes the window this wide and high; narrow ones are of a device with a touch screen.
@@ -189,6 +231,7 @@ impl Browser {
             if found == Ok(json!(true)) {
                 return;
             }
+            assert!(found != Err(json!(ENDED)), "{ENDED}: {}", self.end());
             let (now, problems) = (began.elapsed(), &self.problems);
             assert!(now < PATIENCE, "never true: {expression}; last {found:?}; the page's problems: {problems:?}");
             thread::sleep(Duration::from_millis(20));
@@ -237,8 +280,13 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = fs::remove_dir_all(&self.folder);
+        self.end();
+        // Its processes end a little later, and write until then.
+        for _ in 0..40 {
+            match fs::remove_dir_all(&self.folder) {
+                Err(_) if self.folder.exists() => thread::sleep(Duration::from_millis(50)),
+                _ => return,
+            }
+        }
     }
 }
