@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional
 
 import numpy as np
 
-from ._errors import TauflowError
+from ._errors import Missing, TauflowError
 from ._images import RAW, Image
 from ._tables import read_rows
 from .exr import read_layers
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+#: Files of several layers, or of no radiance.
+_FEATURES = ("gbuffer.exr", "variance.exr")
 _RUNG = re.compile(r"spp-(\d+)\.exr$")
 
 
@@ -118,8 +120,8 @@ class Item:
 
     @property
     def images(self) -> Dict[str, Image]:
-        """All images in EXR files, by name without `.exr`."""
-        return {name[:-4]: self.image(name) for name in self.files if name.endswith(".exr")}
+        """All images in EXR files, by name without `.exr`; see `gbuffer` and `variance` for these."""
+        return {name[:-4]: self.image(name) for name in self.files if name.endswith(".exr") and name not in _FEATURES}
 
     def gbuffer(self) -> Dict[str, np.ndarray]:
         """`albedo` and `normal`, each [height, width, 3]; normals point right, up and towards the camera.
@@ -193,12 +195,12 @@ class Node(Mapping[str, Item]):
         if len(found) == 1:
             return found[0]
         if found:
-            raise TauflowError(f"`{key}` is in {len(found)} cells; name one, such as `{found[0].key}`")
+            raise Missing(f"`{key}` is in {len(found)} cells; name one, such as `{found[0].key}`")
         import difflib
 
-        near = difflib.get_close_matches(key, self._items, 1, 0.5)
+        near = difflib.get_close_matches(key, self._items, 1, 0.5) if isinstance(key, str) else []
         hint = f"; did you mean `{near[0]}`?" if near else ""
-        raise TauflowError(f"node `{self.name}` has no item `{key}`{hint}")
+        raise Missing(f"node `{self.name}` has no item `{key}`{hint}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Mapping, Optional, Union
 
-from ._errors import TauflowError
+from ._errors import Missing, TauflowError
 from ._items import Node, read_json
 from ._tables import read_rows, typed
 
@@ -101,14 +101,25 @@ class Results:
 
     @property
     def files(self) -> List[str]:
-        """Names of its files."""
-        return sorted(name for name in os.listdir(self.folder) if os.path.isfile(os.path.join(self.folder, name)))
+        """Names of its files, those in folders as `folder/name`."""
+        found: List[str] = []
+        for folder, _, names in os.walk(self.folder):
+            inside = os.path.relpath(folder, self.folder).split(os.sep)
+            found.extend("/".join([*(part for part in inside if part != "."), name]) for name in names)
+        return sorted(found)
 
     def path(self, name: str) -> str:
-        """Path of a file. Raises TauflowError if there is none of this name."""
-        if name not in self.files:
-            raise TauflowError(f"{self.folder} has no file `{name}`; it has {', '.join(self.files)}")
-        return os.path.join(self.folder, name)
+        """Path of a file. The folder may be left out where one file has the name.
+
+        Raises TauflowError if there is no such file, or several.
+        """
+        files = self.files
+        found = [name] if name in files else [file for file in files if file.endswith(f"/{name}")]
+        if len(found) > 1:
+            raise TauflowError(f"{self.folder}: `{name}` is in several folders; name one of {', '.join(found)}")
+        if not found:
+            raise TauflowError(f"{self.folder} has no file `{name}`; it has {', '.join(files)}")
+        return os.path.join(self.folder, *found[0].split("/"))
 
     def rows(self, table: str) -> List[Dict[str, Any]]:
         """The rows of a CSV table, numbers as numbers."""
@@ -182,7 +193,7 @@ class Cache(Mapping[str, Pipeline]):
         if name not in self._pipelines:
             if name not in self.runs:
                 have = ", ".join(self.runs) or "none"
-                raise TauflowError(f"{self.folder}: no run of `{name}` is recorded in this cache; it has {have}")
+                raise Missing(f"{self.folder}: no run of `{name}` is recorded in this cache; it has {have}")
             self._pipelines[name] = _pipeline_of(self.runs[name], self.folder, self._raw)
         return self._pipelines[name]
 

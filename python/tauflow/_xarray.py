@@ -41,10 +41,10 @@ def _variables(item: "Item", xr: Any) -> Dict[str, Any]:
                 found[name] = xr.DataArray(image.data, dims=("y", "x", "channel"), attrs=attrs)
         if len(found) == 1:
             found = {"radiance": next(iter(found.values()))}
-    if item.rungs and "gbuffer.exr" in item.files:
+    if "gbuffer.exr" in item.files:
         for name, layer in item.gbuffer().items():
             found[name] = xr.DataArray(layer, dims=("y", "x", "channel"))
-    if item.rungs and "variance.exr" in item.files:
+    if "variance.exr" in item.files:
         found["variance"] = xr.DataArray(item.variance().data, dims=("y", "x", "channel"))
     return found
 

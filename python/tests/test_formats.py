@@ -28,7 +28,7 @@ def packed(tiny, tmp_path_factory):
 
 def arrays(item):
     """The images of an item as other formats name them."""
-    found = {name: image.data for name, image in item.images.items() if name != "gbuffer"}
+    found = {name: image.data for name, image in item.images.items()}
     return {**found, **{f"gbuffer.{name}": layer for name, layer in item.gbuffer().items()}}
 
 

@@ -71,6 +71,28 @@ def test_a_folder_of_results_leads_to_its_nodes(tiny):
         results.rows("tables")
 
 
+def test_results_in_folders_are_found(tiny, tmp_path):
+    # Each node that publishes has a folder of its own as soon as there are two.
+    folder = tmp_path / "tiny"
+    shutil.copytree(tiny.out / "tiny", folder)
+    for node in ("page", "sheet"):
+        (folder / node).mkdir()
+        (folder / node / "index.html").write_text(node)
+    (folder / "page" / "own.csv").write_text("a\n1\n")
+    results = tauflow.open(folder, cache=tiny.cache)
+    assert {"table.csv", "page/own.csv", "sheet/index.html"} <= set(results.files)
+    assert results.rows("own") == results.rows("page/own") == [{"a": 1}]
+    with pytest.raises(tauflow.TauflowError, match="in several folders; name one of page/index.html, sheet/index.html"):
+        results.path("index.html")
+
+
+def test_what_is_not_there_is_none(tiny):
+    ladders = tauflow.open(tiny.file, cache=tiny.cache)["ladders"]
+    assert ladders.get("nothing") is None and ladders.get("nothing", 3) == 3 and ladders.get(0) is None
+    cache = tauflow.open(tiny.cache)
+    assert cache.get("other") is None and cache.get("tiny") is not None
+
+
 def test_results_are_those_of_the_run_that_wrote_them(tmp_path):
     first = Tiny(tmp_path)
     old = tmp_path / "old"
@@ -182,6 +204,9 @@ def test_images_are_datasets_of_xarray(tiny):
     assert whole.radiance.dims == ("item", "spp", "y", "x", "channel") and list(whole.item.values) == list(packed)
     assert np.array_equal(whole.radiance.sel(item=key, spp=16), packed[key].rung(16).data)
     assert float(whole.exposure.sel(item=key)) == item.radiance.attrs["exposure"]
+    features = tauflow.open(tiny.file, cache=tiny.cache)["ladders.gbuffer"]
+    features = features[next(iter(features))]
+    assert set(features.to_xarray()) == {"albedo", "normal"} and features.images == {}
     held = tauflow.open(tiny.file, cache=tiny.cache)["held"].to_xarray()
     assert set(held["from"].values) == {"1", "4"} and held.sizes["item"] == 2 * len(packed)
     with pytest.raises(tauflow.TauflowError, match="has no images; its files: value.json|has no images"):

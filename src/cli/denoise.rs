@@ -290,7 +290,7 @@ fn frame(args: &DenoiseArgs, path: &Path) -> Result<(Frame, Option<Image>, Vec<S
         variance.data_mut().iter_mut().for_each(|value| *value /= samples);
         frame = frame.with_variance(variance, args.spp).map_err(told)?;
     }
-    Ok((frame, layers.alpha(&name), notes))
+    Ok((frame, layers.alpha(&name)?, notes))
 }
 
 /// Albedo, and normals in camera space, if the image has both.

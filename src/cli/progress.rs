@@ -97,6 +97,8 @@ struct State {
     jobs: Option<(u64, u64)>,
     /// Actions of each node in jobs that wait.
     queued: BTreeMap<Name, u64>,
+    /// Nodes of which the last message told that they are rebuilt.
+    rebuilding: Option<String>,
 }
 
 impl State {
@@ -149,6 +151,7 @@ impl Display {
             overall_told: start,
             jobs: None,
             queued: BTreeMap::new(),
+            rebuilding: None,
         };
         Self { json, start, bars, state: Mutex::new(state), asked: Mutex::new(None) }
     }
@@ -201,7 +204,11 @@ impl Display {
             Event::Warning { message } => self.voice().say(&format!("warning: {message}")),
             Event::Healing { nodes } => {
                 let nodes = nodes.join(", ");
-                self.voice().say(&format!("rebuilding results that are missing from the cache ({nodes})"));
+                // Each pass may find more that is missing, of the same nodes.
+                if state.rebuilding.as_ref() != Some(&nodes) {
+                    self.voice().say(&format!("rebuilding results that are missing from the cache ({nodes})"));
+                }
+                state.rebuilding = Some(nodes);
                 state.shown.values_mut().for_each(|shown| shown.told_end = false);
             }
             _ => {}

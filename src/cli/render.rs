@@ -209,7 +209,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
         done < least || next.as_secs_f64() <= limit
     };
     let goal = match (args.error, args.seconds) {
-        (Some(relative_error), _) => Goal::Error(Until::new(relative_error, args.at_most)),
+        (Some(relative_error), _) => Goal::Error(Until::new(relative_error, args.at_most), least),
         (None, Some(_)) => Goal::While(&mut fits),
         (None, None) => Goal::Samples(args.film.spp),
     };
@@ -240,10 +240,6 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
     })
     .map_err(|error| failed.take().unwrap_or_else(|| told(error)))?;
     shown.bar.finish_and_clear();
-    if rendered.stats.samples < least {
-        // Only --error ends so early by itself.
-        return Err(CliError::Bad(format!("{ALONE}; ask for a smaller --error, or leave --variance out")));
-    }
     shown.show(&rendered.image)?;
     let denoised = if args.denoise { Some(denoised(args, &rendered)?) } else { None };
     write(args, &rendered, denoised)?;

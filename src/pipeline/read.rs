@@ -1,13 +1,13 @@
 //! Reads maps, texts and names from YAML, and reports wrong types.
 
 use super::{
-    reference::is_name,
+    reference::{MOST_LETTERS, is_name},
     yaml::{Data, Key, Yaml},
 };
 use crate::diagnostics::Problem;
 
 /// The rules for names, as a hint.
-pub const NAME_HINT: &str = "use letters, digits, `_` and `-`, starting with a letter";
+const NAME_HINT: &str = "use letters, digits, `_` and `-`, starting with a letter";
 
 /// The fields of a map; none of what is no map.
 pub fn map(value: Yaml, what: &str, problems: &mut Vec<Problem>) -> Vec<(Key, Yaml)> {
@@ -46,7 +46,7 @@ pub fn name(value: &Yaml, what: &str, problems: &mut Vec<Problem>) -> Option<Key
             return Some(Key { text: text.clone(), span: value.span });
         }
         let hint =
-            if text.starts_with('$') { "named values are not allowed here; write out the value" } else { NAME_HINT };
+            if text.starts_with('$') { "named values are not allowed here; write out the value" } else { hint(text) };
         problems.push(Problem::at(value.span, format!("`{text}` cannot be used as {what}")).hint(hint));
     } else {
         let message = format!("{what} must be a text, found {}", value.sort());
@@ -58,6 +58,11 @@ pub fn name(value: &Yaml, what: &str, problems: &mut Vec<Problem>) -> Option<Key
 /// Whether a key can name what it names; a problem if not.
 pub fn check_name(key: &Key, what: &str, problems: &mut Vec<Problem>) {
     if !is_name(&key.text) {
-        problems.push(Problem::at(key.span, format!("`{}` cannot name {what}", key.text)).hint(NAME_HINT));
+        problems.push(Problem::at(key.span, format!("`{}` cannot name {what}", key.text)).hint(hint(&key.text)));
     }
+}
+
+/// What is wrong with a text that is no name.
+fn hint(text: &str) -> &'static str {
+    if text.len() > MOST_LETTERS { "use at most 100 letters" } else { NAME_HINT }
 }

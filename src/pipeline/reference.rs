@@ -43,11 +43,15 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Whether a text can name a node, port, axis, value or profile: letters, digits, `_` and `-`, not starting with a
-/// digit or `-`.
+/// Names become names of folders and files, with more around them; file systems take 255 bytes.
+pub const MOST_LETTERS: usize = 100;
+
+/// Whether a text can name a node, port, axis, value or profile: at most 100 letters, digits, `_` and `-`, not starting
+/// with a digit or `-`.
 pub fn is_name(text: &str) -> bool {
     let mut chars = text.chars();
-    chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+    text.len() <= MOST_LETTERS
+        && chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
         && chars.all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
 }
 
@@ -64,6 +68,7 @@ mod tests {
         let cell = Reference::parse("solvers[p=mc_noise, s=0.5].model").expect("valid");
         let select = vec![("p", "mc_noise"), ("s", "0.5")];
         assert_eq!(cell, Reference { node: "solvers", select, port: Some("model") });
+        assert!(is_name(&"a".repeat(100)) && !is_name(&"a".repeat(101)));
         for bad in ["", "a b", "a.b.c", "a[p=1", "a[p]", "a[p=1,p=2]", "a[].x", "a."] {
             assert!(Reference::parse(bad).is_err(), "{bad}");
         }

@@ -107,6 +107,7 @@ fn finish(
     let wiring = wire::wire(&nodes, &drafts, &mut problems);
     for (at, (draft, raw)) in drafts.iter().zip(&nodes).enumerate() {
         check_axes(draft, raw, wiring.axes_read(at), &mut problems);
+        check_folders(draft, raw, &mut problems);
     }
     let order = wire::order(&wiring, &mut problems);
     values.explain(&mut problems);
@@ -256,6 +257,22 @@ fn check_axes(draft: &Draft, raw: &RawNode, bound: &BTreeSet<String>, problems: 
             |near| format!("did you mean `{near}`?"),
         );
         problems.push(Problem::at(axis.span, message).hint(hint));
+    }
+}
+
+/// Most bytes of a cell's name that becomes the name of a folder: file systems take 255.
+const MOST_FOLDER: usize = 200;
+
+/// Results for people are in a folder for each cell, with the name of the cell.
+fn check_folders(draft: &Draft, raw: &RawNode, problems: &mut Vec<Problem>) {
+    let Some((_, spec)) = &draft.kind else { return };
+    let long = |cell: &&DraftCell| cell.text().len() > MOST_FOLDER;
+    if let Some(cell) = draft.cells.iter().find(long).filter(|_| spec.outputs.iter().any(|port| port.publish)) {
+        let (bytes, node) = (cell.text().len(), &raw.name.text);
+        let message = format!(
+            "the axes of `{node}` and their values name a folder of results in {bytes} bytes; at most {MOST_FOLDER} fit"
+        );
+        problems.push(Problem::at(raw.name.span, message).hint("shorten values, or move what is long to `params`"));
     }
 }
 

@@ -291,6 +291,53 @@ fn the_noise_of_a_reference_needs_its_ladder_and_its_exposure() {
 }
 
 #[test]
+fn crops_models_and_stops_that_cannot_be_are_found() {
+    let small = [("preset: tiny, steps: 2", "preset: best, crop: 8, steps: 2")];
+    one(&small, &["a crop of 8 pixels is below the minimum of `best`, 16"]);
+    let films = [
+        ("preset: tiny, steps: 2", "preset: best, steps: 2"),
+        ("resolution: [32, 32] }\n  train_set:", "resolution: [8, 32] }\n  train_set:"),
+    ];
+    let said = told(&films);
+    assert!(said.contains("8 x 32 pixels, but the preset `best` needs at least 16 x 16"), "{said}");
+    let clean = |inputs: &str, params: &str| {
+        let node = format!(
+            "  clean: {{ kind: denoising, inputs: {{ endpoints: test_set{inputs} }}, params: {{ {params} }} }}\n  hold:"
+        );
+        told(&[("  hold:", &node)])
+    };
+    let model = |cell: &str| format!(", model: \"solvers[parameterization={cell}]\"");
+    assert_eq!(clean("", "weights: fast"), "");
+    assert_eq!(clean(&model("mc_noise"), "weights: connected, conditioning: rgb"), "");
+    let said = clean(&model("mc_noise"), "weights: fast");
+    assert!(said.contains("a model is connected, but `weights` names a bundled one"), "{said}");
+    let said = clean("", "weights: connected");
+    assert!(said.contains("`weights: connected` needs a model on the input `model`"), "{said}");
+    let said = clean(&model("mc_velocity"), "weights: connected, conditioning: rgb");
+    assert!(
+        said.contains("has the parameterization `mc_velocity`") && said.contains("a model of `mc_noise`"),
+        "{said}"
+    );
+    let bridge = |rungs: &str| {
+        let nodes = format!(
+            "  steps: {{ kind: ladder_rendering, inputs: {{ scenes: gate.accepted }}, params: {{ rungs: {rungs}, \
+             resolution: [32, 32] }} }}
+  steps_set: {{ kind: dataset_packing, inputs: {{ ladders: steps, exposure: gate.exposure }} }}
+  bridge:
+    kind: bridge_refinement
+    inputs:
+      endpoints: steps_set
+      mc_noise: \"solvers[parameterization=mc_noise]\"
+      local_velocity: \"solvers[parameterization=local_velocity]\"\n  hold:"
+        );
+        told(&[("[mc_noise, mc_velocity]", "[mc_noise, local_velocity]"), ("  hold:", &nodes)])
+    };
+    assert_eq!(bridge("[5, 6, 7]"), "");
+    let said = bridge("[6, 7, 8]");
+    assert!(said.contains("the stops 6 to 8 of `steps_set` are outside the ladder of"), "{said}");
+}
+
+#[test]
 fn nodes_whose_items_have_the_same_keys_cannot_share_an_input() {
     let other = "  filtered: { kind: guided_filter, inputs: { endpoints: test_set }, params: { from: 2 } }
   filter_scores: { kind: image_metrics, inputs: { images: filtered, references: test_set } }

@@ -208,6 +208,25 @@ fn long_texts_are_neither_put_in_nor_copied_to_cells_without_end() {
     assert!(told(&text).contains("4999 cells with params of 58 KiB of text each are too many"), "{}", told(&text));
 }
 
+#[test]
+fn names_that_no_folder_can_have_are_told() {
+    let name = "x".repeat(101);
+    let text = format!("nodes:\n  {name}: {{kind: numbers, params: {{count: 1}}}}\n");
+    assert!(
+        told(&text).contains("cannot name a node") && told(&text).contains("at most 100 letters"),
+        "{}",
+        told(&text)
+    );
+    let text = |letters: usize| {
+        let title = "t".repeat(letters);
+        let total = format!("  total: {{kind: total, inputs: {{in: numbers}}, matrix: {{title: [{title}, b]}}}}\n");
+        format!("nodes:\n  numbers: {{kind: numbers, params: {{count: 1}}}}\n{total}")
+    };
+    let long = told(&text(195));
+    assert!(long.contains("a folder of results in 201 bytes; at most 200 fit"), "{long}");
+    assert_eq!(Workshop::new().run(&text(194)).summary.failures.len(), 0);
+}
+
 const LIKE: &str = "
 nodes:
   numbers: {kind: numbers, params: {count: 2, offset: 1}}

@@ -137,6 +137,20 @@ pub fn exr_names(path: &Path) -> std::result::Result<(Vec<String>, Option<[f32; 
     Ok((colours(&name, &meta.headers)?.into_keys().collect(), camera))
 }
 
+/// The alpha of a layer that [`read_exr`] reads, one channel; none if it has none at full resolution.
+///
+/// # Errors
+/// As [`read_exr`].
+pub fn read_exr_alpha(path: &Path, layer: &str) -> std::result::Result<Option<Image>, DataError> {
+    let (name, size, mut source) = opened(path)?;
+    let meta = checked(&name, size, &mut source)?;
+    let of_layer = |(own, letter, _): &(String, char, (usize, usize))| own == layer && *letter == 'A';
+    match channels(&meta.headers).find(of_layer) {
+        None => Ok(None),
+        Some((_, _, at)) => Ok(planes(&name, &meta, source, &[&[at]])?.pop()),
+    }
+}
+
 /// The layers of the bytes of an EXR file, as [`read_exr`] gives them; `name` is what errors call it.
 ///
 /// # Errors
@@ -193,25 +207,27 @@ fn checked(name: &str, size: u64, source: impl Read) -> std::result::Result<Meta
     Ok(meta)
 }
 
+/// The channels at full resolution whose name ends in a single letter: the name of their layer, the letter, the part of
+/// the file, and the place in it.
+fn channels(headers: &[Header]) -> impl Iterator<Item = (String, char, (usize, usize))> {
+    headers.iter().enumerate().flat_map(|(part, header)| {
+        let own = header.own_attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
+        header.channels.list.iter().enumerate().filter_map(move |(at, channel)| {
+            let full = channel.name.to_string();
+            let (layer, letter) = full.rsplit_once('.').unwrap_or(("", &full));
+            let letter = letter.chars().next().filter(|_| letter.len() == 1 && channel.sampling == Vec2(1, 1))?;
+            let layer = if layer.is_empty() { own.clone() } else { layer.to_owned() };
+            Some((layer, letter.to_ascii_uppercase(), (part, at)))
+        })
+    })
+}
+
 /// The channels of each layer of three colours: of which part of the file, and which of its channels.
 fn colours(name: &str, headers: &[Header]) -> std::result::Result<BTreeMap<String, [(usize, usize); 3]>, DataError> {
     // Channels by layer and letter first: letters alone do not say whether a Z is a depth or part of a normal.
     let mut found: BTreeMap<String, BTreeMap<char, (usize, usize)>> = BTreeMap::new();
-    for (part, header) in headers.iter().enumerate() {
-        let own = header.own_attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
-        for (at, channel) in header.channels.list.iter().enumerate() {
-            let full = channel.name.to_string();
-            let (layer, letter) = full.rsplit_once('.').unwrap_or(("", &full));
-            let Some(letter) =
-                Some(letter.to_ascii_uppercase()).filter(|l| l.len() == 1).and_then(|l| l.chars().next())
-            else {
-                continue;
-            };
-            if "RGBXYZ".contains(letter) && channel.sampling == Vec2(1, 1) {
-                let layer = if layer.is_empty() { own.clone() } else { layer.to_owned() };
-                found.entry(layer).or_default().insert(letter, (part, at));
-            }
-        }
+    for (layer, letter, at) in channels(headers).filter(|(_, letter, _)| "RGBXYZ".contains(*letter)) {
+        found.entry(layer).or_default().insert(letter, at);
     }
     let mut layers = BTreeMap::new();
     for (name, channels) in found {
@@ -233,7 +249,6 @@ fn colours(name: &str, headers: &[Header]) -> std::result::Result<BTreeMap<Strin
     Ok(layers)
 }
 
-/// Reads block by block, so that no copy of the picture is made beside the layers.
 fn layers<R: Read + Seek>(
     name: &str,
     size: u64,
@@ -241,17 +256,30 @@ fn layers<R: Read + Seek>(
     wanted: &dyn Fn(&str) -> bool,
 ) -> std::result::Result<BTreeMap<String, Image>, DataError> {
     let meta = checked(name, size, &mut source)?;
+    let chosen: Vec<(String, [(usize, usize); 3])> =
+        colours(name, &meta.headers)?.into_iter().filter(|(layer, _)| wanted(layer)).collect();
+    let channels: Vec<&[(usize, usize)]> = chosen.iter().map(|(_, channels)| &channels[..]).collect();
+    let images = planes(name, &meta, source, &channels)?;
+    Ok(chosen.into_iter().map(|(name, _)| name).zip(images).collect())
+}
+
+/// An image for each list of channels (part and place in it), of the size of the display window. Reads block by block,
+/// so that no copy of the picture is made beside them.
+fn planes<R: Read + Seek>(
+    name: &str,
+    meta: &MetaData,
+    mut source: R,
+    chosen: &[&[(usize, usize)]],
+) -> std::result::Result<Vec<Image>, DataError> {
     source.rewind().map_err(|e| broken(name)(e.into()))?;
     let window = meta.headers.first().map(|header| header.shared_attributes.display_window);
     let window = window.ok_or_else(|| DataError::Format(format!("{name}: it has no part")))?;
-    let chosen: Vec<(String, [(usize, usize); 3])> =
-        colours(name, &meta.headers)?.into_iter().filter(|(layer, _)| wanted(layer)).collect();
     let mut images: Vec<Image> =
-        chosen.iter().map(|_| Image::new(window.size.width(), window.size.height(), 3)).collect();
+        chosen.iter().map(|channels| Image::new(window.size.width(), window.size.height(), channels.len())).collect();
     // Where a channel of a part goes: images and places in their pixels.
     let mut places: Vec<Vec<Vec<(usize, usize)>>> =
         meta.headers.iter().map(|header| vec![Vec::new(); header.channels.list.len()]).collect();
-    for (image, (_, channels)) in chosen.iter().enumerate() {
+    for (image, channels) in chosen.iter().enumerate() {
         for (place, (part, channel)) in channels.iter().enumerate() {
             places[*part][*channel].push((image, place));
         }
@@ -308,7 +336,7 @@ fn layers<R: Read + Seek>(
             Ok(())
         })
         .map_err(broken(name))?;
-    Ok(chosen.into_iter().map(|(name, _)| name).zip(images).collect())
+    Ok(images)
 }
 
 /// A PNG of 8-bit RGB through the display transform [`preview`]; input is exposed linear radiance, 3 channels.
@@ -357,6 +385,7 @@ mod tests {
         let albedo = read_exr_layers(&path, &|name| name == "albedo").expect("own file");
         assert_eq!(albedo.into_iter().collect::<Vec<_>>(), [("albedo".to_owned(), image.clone())]);
         assert_eq!(exr_names(&path).expect("own file"), (vec![String::new(), "albedo".to_owned()], None));
+        assert_eq!(read_exr_alpha(&path, "albedo").expect("own file"), None);
         // Depth is no blue, and no picture; a part of a colour is none either.
         let written = |names: &[&str], position: i32, window: i32| {
             let channels = names
@@ -387,6 +416,27 @@ mod tests {
         );
         std::fs::write(&path, b"v/1\x01 no picture").expect("written");
         assert!(read_exr(&path).expect_err("damaged").to_string().contains("x.exr"));
+    }
+
+    #[test]
+    fn alpha_is_that_of_the_layer_in_its_part() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let path = dir.path().join("x.exr");
+        let part = |name: &str, names: &[&str], value: f32| {
+            let channel = |name: &&str| AnyChannel::new(*name, FlatSamples::F32(vec![value; 2]));
+            let attributes = LayerAttributes::named(name);
+            let channels = AnyChannels::sort(names.iter().map(channel).collect());
+            Layer::new(Vec2(2, 1), attributes, Encoding::UNCOMPRESSED, channels)
+        };
+        let (albedo, rgba) = (part("albedo", &["R", "G", "B", "A"], 0.25), part("rgba", &["R", "G", "B", "A"], 0.5));
+        let both = part("both", &["x.R", "x.G", "x.B", "x.A", "y.R", "y.G", "y.B"], 0.75);
+        let parts: Layers<AnyChannels<FlatSamples>> = [albedo, rgba, both].into_iter().collect();
+        let attributes = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(2, 1)));
+        exr::image::Image::from_layers(attributes, parts).write().to_file(&path).expect("written");
+        for (layer, value) in [("albedo", Some(0.25)), ("rgba", Some(0.5)), ("x", Some(0.75)), ("y", None)] {
+            let alpha = read_exr_alpha(&path, layer).expect("own file");
+            assert_eq!(alpha.map(|alpha| (alpha.channels(), alpha.data().to_vec())), value.map(|v| (1, vec![v; 2])));
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Programs that are not ours: templates of their command lines, and running them.
 
-use crate::process::{self, Ended, Launch, Ran};
+use crate::process::{self, Ended, Launch, Ran, tail};
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
@@ -73,7 +73,7 @@ impl Places {
         match &ran.ended {
             Ended::Not(error) => Err(self.failed(template, &format!("cannot be started: {error}"))),
             Ended::Itself(status, told) if !status.success() => {
-                Err(self.failed(template, &format!("failed with {status}:\n{told}")))
+                Err(self.failed(template, &format!("failed with {status}{}", tail(told))))
             }
             _ => Ok(ran),
         }
@@ -279,22 +279,43 @@ pub(crate) fn version(words: &[String]) -> Result<String, String> {
     }
     let missing = |what: String| format!("`{}` {what}; install what it asks for", words.join(" "));
     let told = match process::answer(program, arguments, MOST_ASKED) {
-        Err(error) => Err(missing(format!("cannot be started: {error}"))),
+        Err(error) => Err(missing(format!("cannot be asked: {error}"))),
         Ok(None) => Err(missing(format!("takes longer than {} s", MOST_ASKED.as_secs()))),
         Ok(Some(done)) if !done.status.success() => {
             let told = String::from_utf8_lossy(&done.stderr);
             let last = told.lines().last().map(|line| format!(": {line}")).unwrap_or_default();
             Err(missing(format!("failed ({}){last}", done.status)))
         }
-        Ok(Some(done)) => Ok(String::from_utf8_lossy(&done.stdout).trim().to_owned()),
+        Ok(Some(done)) => Ok(short(String::from_utf8_lossy(&done.stdout).trim())),
     };
     known.insert(words.to_vec(), told.clone());
     told
 }
 
+/// Longest answer that is written into keys as it is.
+const MOST_WRITTEN: usize = 16 << 10;
+
+/// An answer for keys: a list of all packages is long, and its digest tells as much.
+fn short(answer: &str) -> String {
+    match answer.len() {
+        0..=MOST_WRITTEN => answer.to_owned(),
+        bytes => format!("{bytes} bytes, {}", blake3::hash(answer.as_bytes()).to_hex()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn all_of_a_version_counts() {
+        let ask = |end: &str| version(&["sh".to_owned(), "-c".to_owned(), format!("seq 1 20000; echo {end}")]);
+        let (one, other) = (ask("one").expect("it answers"), ask("other").expect("it answers"));
+        assert!(one != other && one.len() < 100, "{one}");
+        assert_eq!(version(&["echo".to_owned(), " 1.2 ".to_owned()]), Ok("1.2".to_owned()));
+        let endless = version(&["seq".to_owned(), "1000000".to_owned()]).expect_err("too long");
+        assert!(endless.contains("prints more than"), "{endless}");
+    }
 
     #[test]
     fn patterns_match_names_as_shells_do() {

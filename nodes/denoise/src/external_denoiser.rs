@@ -113,6 +113,13 @@ impl Kind for ExternalDenoiser {
             let hint = "write for example `command: [denoise, \"{color}\", \"{albedo}\", \"{normal}\", \"{output}\"]`";
             out.push(ParamProblem::new("/command", problem, hint));
         }
+        let features = ["{albedo}", "{normal}"];
+        if params.conditioning == Conditioning::Rgb
+            && let Some(place) = features.iter().find(|place| params.command.iter().any(|word| word.contains(**place)))
+        {
+            let message = format!("`conditioning: rgb` has no file `{place}`");
+            out.push(ParamProblem::new("/command", message, "omit it, or use `conditioning: gbuffer`"));
+        }
         if !params.command.is_empty() && params.library.is_some() {
             let hint = "omit one of them";
             out.push(ParamProblem::new("/library", "both `library` and `command` are set", hint));
@@ -359,12 +366,22 @@ fn by_program(
     };
     let surroundings = Surroundings { own: folder.path(), variables: &params.variables, trace };
     let ran = PLACES.run(ctx, template, &PLACES.all.iter().map(file).collect::<Vec<_>>(), surroundings)?;
-    let layers = read_exr(&path("output.exr")).map_err(|e| failed(format!("left no image that can be read: {e}")))?;
+    let failed = |what: String| failed(format!("{what}{}", ran.tail()));
+    let output = path("output.exr");
+    let layers = read_exr(&output).map_err(|e| {
+        // The folder has another name each time, and is gone.
+        let why = e.to_string().replace(&*output.to_string_lossy(), "{output}");
+        failed(format!("left no image that can be read: {why}"))
+    })?;
     // The layer without a name comes first.
     let image = layers.into_values().next().ok_or_else(|| failed("left an image without channels".into()))?;
     if !image.same_shape(color) {
         let shape = |i: &Image| format!("{} x {} pixels of {} values", i.width(), i.height(), i.channels());
         return Err(failed(format!("made {} of {}", shape(&image), shape(color))));
+    }
+    let odd = image.data().iter().filter(|value| !value.is_finite()).count();
+    if odd > 0 {
+        return Err(failed(format!("made an image in which {odd} of {} values are not finite", image.data().len())));
     }
     Ok((image, ran))
 }

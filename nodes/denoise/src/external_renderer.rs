@@ -244,11 +244,17 @@ impl SceneToRender<'_> {
             ],
             surroundings,
         )?;
+        // What it said may tell why a file is missing or wrong.
+        let tail = ran.tail();
+        let told = |error: KindError| match error {
+            KindError::Environment(what) => KindError::Environment(format!("{what}{tail}")),
+            other => other,
+        };
         let image = |count: &u64| Ok((self.said(*count), self.image(&images, *count)?));
         let images_of = || counts.iter().map(image).collect::<Result<Vec<_>, KindError>>();
         match repeats {
-            0 => Ok((images_of()?, timed::nothing(), ran.seen)),
-            _ => Ok((Vec::new(), self.times(&images, counts, repeats)?, ran.seen)),
+            0 => Ok((images_of().map_err(told)?, timed::nothing(), ran.seen)),
+            _ => Ok((Vec::new(), self.times(&images, counts, repeats).map_err(told)?, ran.seen)),
         }
     }
 
@@ -258,8 +264,12 @@ impl SceneToRender<'_> {
 
     fn image(&self, folder: &Path, count: u64) -> Result<Image, KindError> {
         let file = format!("{count}.exr");
-        let layers = read_exr(&folder.join(&file))
-            .map_err(|e| self.failed(&format!("left no `{file}` that can be read: {e}")))?;
+        let path = folder.join(&file);
+        let layers = read_exr(&path).map_err(|e| {
+            // The folder has another name each time, and is gone.
+            let why = e.to_string().replace(&*path.to_string_lossy(), &file);
+            self.failed(&format!("left no `{file}` that can be read: {why}"))
+        })?;
         let image = layers.into_values().next().ok_or_else(|| self.failed(&format!("left no channels in `{file}`")))?;
         let (width, height) = (self.params.resolution.width(), self.params.resolution.height());
         if (image.width(), image.height(), image.channels()) != (width, height, 3) {

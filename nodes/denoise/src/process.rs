@@ -29,6 +29,11 @@ use tauflow_data::timing::commands_cpu_seconds;
 const KEPT: usize = 16 << 10;
 /// Most lines of it that an error repeats.
 const LINES: usize = 8;
+/// Most bytes of an answer.
+const MOST_ANSWER: usize = 1 << 20;
+/// After the end of a program, its pipes are read until nothing has come for so long: a process that left its group may
+/// hold them open for ever.
+const SILENCE: Duration = Duration::from_millis(500);
 
 /// Variables that are the same for all programs. Python trusts bytecode of a source that was edited within the same
 /// second, so it writes none.
@@ -94,6 +99,14 @@ pub(crate) struct Ran {
 }
 
 impl Ran {
+    /// What it said at last, as the end of a message.
+    pub(crate) fn tail(&self) -> String {
+        match &self.ended {
+            Ended::Not(_) => String::new(),
+            Ended::Late(told) | Ended::Itself(_, told) => tail(told),
+        }
+    }
+
     fn not(error: io::Error) -> Self {
         Self { ended: Ended::Not(error), seconds: [0.0; 2], seen: None }
     }
@@ -171,26 +184,19 @@ impl Launch<'_> {
     }
 }
 
-/// Runs a program that prints a short answer, and returns its output. If it takes longer than `most`, it is ended, and
-/// there is none.
+/// Runs a program that prints an answer, and returns its output. If it takes longer than `most`, it is ended, and there
+/// is none.
 ///
 /// # Errors
-/// If it cannot be started, or not be waited for.
+/// If it cannot be started, or not be waited for, or prints more than a MiB.
 #[expect(clippy::disallowed_methods, reason = "a limit of wall time")]
 pub(crate) fn answer(program: &str, arguments: &[String], most: Duration) -> io::Result<Option<Output>> {
     let mut command = Command::new(program);
     command.args(arguments).env_clear().envs(variables(&[])).stdin(Stdio::null()).process_group(0);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
-    let pipes: [Option<Box<dyn Read + Send>>; 2] =
-        [child.stdout.take().map(|pipe| Box::new(pipe) as _), child.stderr.take().map(|pipe| Box::new(pipe) as _)];
-    let readers = pipes.map(|pipe| {
-        thread::spawn(move || {
-            let mut text = Vec::new();
-            // Half an answer is one as well: the pipe breaks where the program is ended.
-            let _ = pipe.map(|pipe| pipe.take(KEPT as u64).read_to_end(&mut text));
-            text
-        })
-    });
+    // Of an answer that is too long, one byte too many is kept.
+    let said = Said::by(child.stdout.take(), Keep::First(MOST_ANSWER + 1));
+    let told = Said::of(&mut child);
     let started = Instant::now();
     let ended = loop {
         match child.try_wait() {
@@ -200,8 +206,11 @@ pub(crate) fn answer(program: &str, arguments: &[String], most: Duration) -> io:
         }
     };
     end(&mut child);
-    let [stdout, stderr] = readers.map(|reader| reader.join().unwrap_or_default());
-    Ok(ended?.map(|status| Output { status, stdout, stderr }))
+    let (ended, stdout, stderr) = (ended?, said.bytes(), told.bytes());
+    if stdout.len() > MOST_ANSWER {
+        return Err(io::Error::other(format!("it prints more than {MOST_ANSWER} bytes")));
+    }
+    Ok(ended.map(|status| Output { status, stdout, stderr }))
 }
 
 /// Ends a program with its group. Both may have ended.
@@ -213,39 +222,84 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// The last that a program writes to standard error.
+/// Which bytes of a pipe are kept, at most so many; the others are read, too, so that the program can go on.
+#[derive(Clone, Copy)]
+enum Keep {
+    First(usize),
+    Last(usize),
+}
+
+/// What a program writes to a pipe.
 struct Said {
-    text: Arc<Mutex<Vec<u8>>>,
+    /// What is kept, and how many bytes have come.
+    text: Arc<Mutex<(Vec<u8>, u64)>>,
     reader: Option<thread::JoinHandle<()>>,
 }
 
 impl Said {
+    /// The last that it writes to standard error.
     fn of(child: &mut Child) -> Self {
-        let text = Arc::new(Mutex::new(Vec::new()));
+        Self::by(child.stderr.take(), Keep::Last(KEPT))
+    }
+
+    fn by(pipe: Option<impl Read + Send + 'static>, keep: Keep) -> Self {
+        let text = Arc::new(Mutex::new((Vec::new(), 0)));
         let into = text.clone();
-        let reader = child.stderr.take().map(|mut from| {
+        let reader = pipe.map(|mut from| {
             thread::spawn(move || {
                 let mut piece = [0; 4096];
                 while let Ok(count @ 1..) = from.read(&mut piece) {
                     let mut text = into.lock().unwrap_or_else(PoisonError::into_inner);
-                    text.extend_from_slice(&piece[..count]);
-                    let over = text.len().saturating_sub(KEPT);
-                    text.drain(..over);
+                    let (kept, come) = &mut *text;
+                    *come += count as u64;
+                    match keep {
+                        Keep::First(most) => {
+                            let room = most.saturating_sub(kept.len());
+                            kept.extend_from_slice(&piece[..count.min(room)]);
+                        }
+                        Keep::Last(most) => {
+                            kept.extend_from_slice(&piece[..count]);
+                            let over = kept.len().saturating_sub(most);
+                            kept.drain(..over);
+                        }
+                    }
                 }
             })
         });
         Self { text, reader }
     }
 
-    /// The last lines. A process that left the group may hold the pipe open, and is not waited for.
-    fn text(self) -> String {
-        for _ in 0..100 {
-            if self.reader.as_ref().is_none_or(thread::JoinHandle::is_finished) {
-                break;
+    fn come(&self) -> u64 {
+        self.text.lock().unwrap_or_else(PoisonError::into_inner).1
+    }
+
+    /// What is kept, after the end of the program.
+    #[expect(clippy::disallowed_methods, reason = "a limit of wall time")]
+    fn bytes(self) -> Vec<u8> {
+        let begun = Instant::now();
+        let (mut last, mut since) = (self.come(), begun);
+        let waits = |since: Instant| since.elapsed() < SILENCE && begun.elapsed() < 10 * SILENCE;
+        while self.reader.as_ref().is_some_and(|reader| !reader.is_finished()) && waits(since) {
+            thread::sleep(Duration::from_millis(1));
+            let come = self.come();
+            if come != last {
+                (last, since) = (come, Instant::now());
             }
-            thread::sleep(Duration::from_millis(2));
         }
-        last_lines(&String::from_utf8_lossy(&self.text.lock().unwrap_or_else(PoisonError::into_inner)))
+        std::mem::take(&mut self.text.lock().unwrap_or_else(PoisonError::into_inner).0)
+    }
+
+    /// The last lines.
+    fn text(self) -> String {
+        last_lines(&String::from_utf8_lossy(&self.bytes()))
+    }
+}
+
+/// The end of a message: what a program said at last.
+pub(crate) fn tail(told: &str) -> String {
+    match told.is_empty() {
+        true => "; it wrote nothing to standard error".to_owned(),
+        false => format!("; its standard error ends with:\n{told}"),
     }
 }
 
@@ -268,6 +322,15 @@ mod tests {
         let said = ask("echo 1.2; echo no >&2; exit 4", 20_000).expect("in time");
         assert_eq!((said.stdout, said.stderr, said.status.code()), (b"1.2\n".to_vec(), b"no\n".to_vec(), Some(4)));
         assert!(ask("sleep 600 & sleep 600", 50).is_none());
+        // Long answers come whole, and one that a process of another group may go on with comes at once.
+        let long = ask("seq 1 20000", 20_000).expect("in time");
+        assert!(long.status.success() && long.stdout.ends_with(b"\n20000\n"), "{}", long.stdout.len());
+        #[expect(clippy::disallowed_methods, reason = "a limit of wall time")]
+        let begun = Instant::now();
+        assert_eq!(ask("setsid sleep 20 & echo 1", 20_000).expect("in time").stdout, b"1\n");
+        assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
+        let endless = answer("sh", &["-c".to_owned(), "seq 1 1000000".to_owned()], Duration::from_secs(20));
+        assert!(endless.expect_err("too long").to_string().contains("more than 1048576 bytes"));
         assert!(answer("/no/such/program", &[], Duration::from_secs(1)).is_err());
     }
 

@@ -111,8 +111,18 @@ fn links_and_hidden_files_are_no_output() {
         ("echo a > out/made/a; echo b > out/made/.env", "`out/made/.env`, whose name begins with a dot"),
         ("mkdir out/made/x; echo a > out/made/x/a; ln -s /etc/hostname out/made/x/b", "the link `out/made/x/b`"),
         ("ln -s .. out/made/x", "the link `out/made/x`"),
+        ("rmdir out/made; ln -s /etc out/made", "the link `out/made`"),
     ] {
         let error = bench.wrong(script, &json!({}));
+        assert!(error.contains(told), "{script}: {error}");
+    }
+    let gather = json!({ "mode": "gather", "inputs": {} });
+    for (script, told) in [
+        ("ln -s /etc out/made/one", "the link `one`"),
+        ("mkdir out/made/a; ln -s /etc out/made/a/one", "the link `out/made/a/one`"),
+        ("rmdir out/made; ln -s /etc out/made", "the link `out/made`"),
+    ] {
+        let error = bench.gather(&with(&shell(script), &gather), &[]).expect_err("a link").to_string();
         assert!(error.contains(told), "{script}: {error}");
     }
 }
@@ -295,6 +305,12 @@ fn limits_end_a_program_and_what_it_started() {
     let input = bench.files("content");
     bench.map(&shell(&script), &[("given", &input)]).expect("it made its output");
     assert!(gone());
+    // One that has left the program's group goes on, and nobody waits for it.
+    let busy = "i=0; while [ $i -lt 3000 ]; do cat /etc/hostname; sleep 0.01; i=$((i + 1)); done";
+    let script = format!("setsid sh -c '{busy}' >/dev/null 2>&1 & sleep 0.3; echo > out/made/a");
+    let begun = Instant::now();
+    bench.map(&shell(&script), &[("given", &input)]).expect("it made its output");
+    assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
     // A shell that holds 512 MiB in a variable has more than 64.
     let script = "x=$(head -c 536870912 /dev/zero | tr '\\0' x); echo ${#x} > out/made/a";
     let error = bench.wrong(script, &json!({ "memory": 64 }));

@@ -131,8 +131,10 @@ fn programs_that_fail_are_told() {
     let bench = Bench::new(&scene);
     let folder = tempfile::tempdir().expect("a folder");
     for (text, expected) in [
-        ("echo out of luck >&2; exit 3\n", "out of luck"),
-        ("true\n", "no image that can be read"),
+        ("echo out of luck >&2; exit 3\n", "failed with exit status: 3; its standard error ends with:\nout of luck"),
+        ("kill -9 $$\n", "SIGKILL); it wrote nothing to standard error"),
+        ("echo no licence >&2\n", "no image that can be read: {output}: "),
+        ("echo no licence >&2\n", "; its standard error ends with:\nno licence"),
         ("echo nonsense > \"$4\"\n", "no image that can be read"),
     ] {
         let command = program(folder.path(), text);
@@ -155,6 +157,9 @@ fn templates_and_inputs_are_checked() {
     };
     assert!(with(&["denoise", "{color}"]).contains("lacks the placeholder {output}"));
     assert!(with(&["denoise", "{colour}", "{color}", "{output}"]).contains("`{colour}`"));
+    let command = ["denoise", "{color}", "{albedo}", "{output}"].map(str::to_owned).to_vec();
+    let rgb = ExternalDenoiserParams { command, conditioning: Conditioning::Rgb, ..ExternalDenoiserParams::default() };
+    assert!(ExternalDenoiser::check(&rgb)[0].message.contains("no file `{albedo}`"));
     let (mut scene, _) = scene();
     scene.gbuffer = None;
     let bench = Bench::new(&scene);

@@ -142,7 +142,7 @@ fn asked(world: &World, film: Resolution, error: f64) -> Result<(f64, Accumulato
             on(stream)?.advance(state, trial, &mut |_| Ok(()))
         },
     )?;
-    let (samples, expected) = until.least(stop, expected);
+    let (samples, expected) = until.least(stop, 1, expected);
     let mut state = image.begin();
     image.advance(&mut state, samples, &mut |_| Ok(()))?;
     Ok((expected, state, decided))

@@ -223,8 +223,8 @@ impl<'a> Renderer<'a> {
 pub enum Goal<'a> {
     /// After so many samples per pixel.
     Samples(u64),
-    /// When it is as accurate as is asked for, as samples of other streams say.
-    Error(Until),
+    /// When it is as accurate as is asked for, as samples of other streams say, and has so many samples at least.
+    Error(Until, u64),
     /// When this says no more, asked with the samples that there are.
     While(&'a mut dyn FnMut(u64) -> bool),
 }
@@ -326,12 +326,12 @@ pub fn render_image(
     let mut goes_on: &mut dyn FnMut(u64) -> bool = &mut |_| true;
     match goal {
         Goal::Samples(samples) => all = Some(samples),
-        Goal::Error(until) => {
+        Goal::Error(until, at_least) => {
             let begin = || renderer.begin();
             let (stop, expected) = until.decide(0, 1, begin, |state, stream, trial| {
                 on(stream)?.advance(state, trial, &mut |_| watch(Stage::Deciding))
             })?;
-            let (stop, expected) = until.least(stop, expected);
+            let (stop, expected) = until.least(stop, at_least, expected);
             (all, decided) = (Some(stop), Some(expected));
         }
         Goal::While(asked) => goes_on = asked,

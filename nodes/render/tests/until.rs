@@ -222,7 +222,7 @@ fn an_image_by_itself_is_as_accurate_and_knows_how_far_it_is() {
         let found = render_image(&built.scene, &mut |d| built.load(d), setup, goal, &mut |_| Ok(())).expect("sound");
         (found.image, found.stats)
     }
-    let (found, stats) = image(&built, Goal::Error(Until::new(0.1, 65536)));
+    let (found, stats) = image(&built, Goal::Error(Until::new(0.1, 65536), 1));
     assert!(stats.error.is_some_and(|error| error <= 0.1), "{stats:?}");
     let (fixed, by_itself) = image(&built, Goal::Samples(stats.samples));
     assert_eq!(found, fixed);
@@ -276,7 +276,7 @@ fn few_pixels_and_dark_images_are_not_taken_for_accurate() {
     // Without light the error is unknown, and darkness is believed after a while.
     let (built, mut seen) = (unlit(), 0);
     let setup = Setup::new(film(4, 4));
-    let found = render_image(&built.scene, &mut |d| built.load(d), setup, Goal::Error(until), &mut |_| {
+    let found = render_image(&built.scene, &mut |d| built.load(d), setup, Goal::Error(until, 1), &mut |_| {
         seen += 1;
         Ok(())
     });

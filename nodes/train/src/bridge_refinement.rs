@@ -16,7 +16,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use tauflow_contract::{
     Action, All, Context, Each, Foreseen, Group, Kind, KindError, KindSpec, Known, Later, Media, Mode, Out, Outlook,
-    Outputs, ParamProblem, Probe, Resources,
+    Outputs, ParamProblem, Probe, Resources, Source,
 };
 use tauflow_data::{
     Image,
@@ -112,6 +112,7 @@ impl Kind for BridgeRefinement {
                 problems.push(Foreseen::input(port, message, hint));
             }
             problems.extend(facts::independent(port, model));
+            problems.extend(outside(&endpoints, port, model));
             if let Some(conditioning) = model.facts.get(CONDITIONING) {
                 problems.extend(model_needs_gbuffer(&endpoints, model, conditioning));
             }
@@ -290,6 +291,21 @@ fn setting(model: &Model) -> BTreeMap<String, String> {
 }
 
 /// Adjacent stops k -> k+1, then direct ones k -> last that are not adjacent.
+/// Whether stops lie in the ladder of a model, without its end.
+fn outside(endpoints: &Source, port: All<ModelFile>, model: &Source) -> Option<Foreseen> {
+    let (stops, rungs) = (endpoints.facts.get(RUNGS)?, model.facts.get(RUNGS)?);
+    let [from, to] = [stops.first()?, stops.last()?];
+    let [first, end] = [rungs.first()?, rungs.last()?];
+    (from < first || to >= end).then(|| {
+        let message = format!(
+            "the stops {from} to {to} of `{}` are outside the ladder of `{}`, {first} to {end} samples (its end \
+             excluded)",
+            endpoints.name, model.name
+        );
+        Foreseen::input(port, message, "train on a longer ladder, or bridge other rungs")
+    })
+}
+
 fn stops(counts: &[u64]) -> Result<Vec<(u64, u64)>, KindError> {
     if counts.len() < 3 || counts.windows(2).any(|w| w[1] != w[0] + 1) {
         return Err(KindError::Input(format!(

@@ -192,7 +192,8 @@ impl Model {
     /// If the trained model would differ in what its weights mean.
     pub(crate) fn into_weights_for(self, like: &ModelInfo, seed: u64) -> Result<Weights, KindError> {
         // Weights for `contrast` mean nearly the same for `covered`: only pixels without a surface differ.
-        let features = |of: Features| if of == Features::Covered { Features::Contrast } else { of };
+        let covers = like.features == Features::Covered;
+        let features = |of: Features| if covers && of == Features::Contrast { Features::Covered } else { of };
         // Guided means are shaded means until the guide is learned, which starts as zeros. Smoothed means are nearly
         // guided means until their weights of albedo are learned, and fitted means nearly smoothed means until those of
         // local models are.

@@ -112,6 +112,9 @@ impl Kind for Training {
                 problems.push(Foreseen::input(TRAIN, message, "add a count to their `rungs`"));
             }
         }
+        let preset = format!("the preset `{}`", params.preset.name());
+        let small = |set: &Source| facts::least_film(TRAIN, set, params.preset.multiple(), &preset);
+        problems.extend(train.iter().find_map(small));
         if params.clock == Clock::Fitted && !known.has(CONVERGENCE.name()) {
             problems.push(Foreseen::param("/clock", UNFITTED, "connect one of such ladders, or use `independent`"));
         }

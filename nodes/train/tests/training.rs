@@ -15,8 +15,8 @@ use tauflow_data::{
     time::TimeGrid,
 };
 use tauflow_train::{
-    Clock, Conditioning, Course, Decay, Denoiser, Model, ModelInfo, Output, Parameterization, Training, TrainingParams,
-    rollout,
+    Clock, Conditioning, Course, Decay, Denoiser, Features, Model, ModelInfo, Output, Parameterization, Training,
+    TrainingParams, rollout,
 };
 
 const COUNTS: [u64; 5] = [1, 2, 4, 8, 16];
@@ -143,6 +143,10 @@ fn a_training_can_begin_with_the_weights_of_a_model() {
     let more = again(&short()).expect("trains");
     assert_eq!(loss(&more, 0), loss(&first, lab.log(&first).points.len() - 1));
     assert!(weights(&more) != weights(&first));
+    // Weights for `contrast` can start `covered`, and not the other way.
+    let covered = again(&TrainingParams { features: Features::Covered, steps: 0, ..short() }).expect("no steps");
+    let back = lab.run_with(&short(), &[("start", &covered.collections["model"])], &Silent, &cancel);
+    assert!(back.expect_err("another input").to_string().contains("`features: covered`"));
     let other = again(&TrainingParams { conditioning: Conditioning::Gbuffer, ..short() }).expect_err("another network");
     assert!(other.to_string().contains("`conditioning: rgb`") && other.to_string().contains("`start`"), "{other}");
 }

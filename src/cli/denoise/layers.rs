@@ -2,14 +2,10 @@
 //! converts normals to what the network wants. Knows no network.
 
 use crate::cli::CliError;
-use exr::{
-    math::Vec2,
-    prelude::{ReadChannels as _, ReadLayers as _, ReadSpecificChannel as _, read},
-};
 use std::path::{Path, PathBuf};
 use tauflow_data::{
     Image,
-    image_io::{exr_names, read_exr_layers},
+    image_io::{exr_names, read_exr_alpha, read_exr_layers},
 };
 
 /// Names of layers of radiance, best first, in lower case. Blender keeps the noisy image beside a denoised one.
@@ -79,33 +75,8 @@ impl Layers {
     }
 
     /// The alpha of a layer, one channel; none if it has none.
-    pub(super) fn alpha(&self, layer: &str) -> Option<Image> {
-        let name = if layer.is_empty() { "A".to_owned() } else { format!("{layer}.A") };
-        let file = read()
-            .no_deep_data()
-            .largest_resolution_level()
-            .specific_channels()
-            .required(name.as_str())
-            .collect_pixels(
-                |size: Vec2<usize>, _| Image::new(size.width(), size.height(), 1),
-                |plane: &mut Image, at: Vec2<usize>, (alpha,): (f32,)| plane.pixel_mut(at.x(), at.y())[0] = alpha,
-            )
-            .first_valid_layer()
-            .all_attributes()
-            .from_file(&self.path)
-            .ok()?;
-        let window = file.attributes.display_window;
-        let position = file.layer_data.attributes.layer_position;
-        let plane = file.layer_data.channel_data.pixels;
-        let mut alpha = Image::new(window.size.width(), window.size.height(), 1);
-        let [left, top] = [position.x() - window.position.x(), position.y() - window.position.y()].map(i64::from);
-        for (y, x) in (0..plane.height()).flat_map(|y| (0..plane.width()).map(move |x| (y, x))) {
-            let (to_x, to_y) = (x as i64 + left, y as i64 + top);
-            if (0..alpha.width() as i64).contains(&to_x) && (0..alpha.height() as i64).contains(&to_y) {
-                alpha.pixel_mut(to_x as usize, to_y as usize)[0] = plane.pixel(x, y)[0];
-            }
-        }
-        Some(alpha)
+    pub(super) fn alpha(&self, layer: &str) -> Result<Option<Image>, CliError> {
+        read_exr_alpha(&self.path, layer).map_err(|e| CliError::Bad(e.to_string()))
     }
 
     /// A layer by its whole name.

@@ -3,7 +3,7 @@
 use super::{CommandMode, CommandParams, ImageFiles};
 use crate::{
     pfm::{as_pfm, from_pfm},
-    process::{Ended, Launch, Ran},
+    process::{Ended, Launch, Ran, tail},
 };
 use serde_json::json;
 use std::{
@@ -54,25 +54,21 @@ impl Invocation<'_> {
             time: Some(Duration::from_secs_f64(self.params.time)),
             memory: self.params.memory.map(|mib| mib << 20),
         };
-        let tail = |told: String| match told.is_empty() {
-            true => "; it wrote nothing to standard error".to_owned(),
-            false => format!("; its standard error ends with:\n{told}"),
-        };
         let Ran { ended, seen, .. } = launch.run(self.ctx)?;
         match ended {
             Ended::Not(error) => Err(self.failed(&format!("cannot be started: {error}; install it, or correct `run`"))),
             Ended::Late(told) => {
                 let time = self.params.time;
-                Err(self.failed(&format!("took longer than {time} s (`time`) and was ended{}", tail(told))))
+                Err(self.failed(&format!("took longer than {time} s (`time`) and was ended{}", tail(&told))))
             }
             Ended::Itself(status, told) if !status.success() => {
                 let limit = self.params.memory.map(|mib| format!(" (`memory` allows {mib} MiB)"));
                 let limit = limit.unwrap_or_default();
-                Err(self.failed(&format!("failed with {status}{limit}{}", tail(told))))
+                Err(self.failed(&format!("failed with {status}{limit}{}", tail(&told))))
             }
             Ended::Itself(_, told) => match self.outputs(&folder.join("out")) {
                 Ok(outputs) => Ok(Outputs { seen, ..outputs }),
-                Err(KindError::Environment(what)) => Err(KindError::Environment(format!("{what}{}", tail(told)))),
+                Err(KindError::Environment(what)) => Err(KindError::Environment(format!("{what}{}", tail(&told)))),
                 Err(other) => Err(other),
             },
         }
@@ -156,6 +152,9 @@ impl Invocation<'_> {
     fn find_items(&self, folder: &Path, prefix: &str, found: &mut Vec<String>) -> Result<(), KindError> {
         for name in entries(folder)? {
             let path = folder.join(&name);
+            if path.is_symlink() {
+                return Err(self.link(&format!("{prefix}{name}")));
+            }
             if !path.is_dir() {
                 let what = format!("left the file `{prefix}{name}` outside of the directory of an item");
                 return Err(self.failed(&what));
@@ -174,6 +173,10 @@ impl Invocation<'_> {
         Ok(())
     }
 
+    fn link(&self, place: &str) -> KindError {
+        self.failed(&format!("left the link `{place}`; put a copy of the file there"))
+    }
+
     /// Refuses files that would be left out of an output, and links: the file that a link leads to may change, and
     /// nobody would know.
     fn check_names(&self, folder: &Path, place: &str) -> Result<(), KindError> {
@@ -185,7 +188,7 @@ impl Invocation<'_> {
                 )));
             }
             if path.is_symlink() {
-                return Err(self.failed(&format!("left the link `{place}`; put a copy of the file there")));
+                return Err(self.link(&place));
             }
             if path.is_dir() {
                 self.check_names(&path, &place)?;
@@ -201,6 +204,9 @@ impl Invocation<'_> {
             KindError::Input(what) => self.failed(&format!("left no `{of}` in `{place}`: {what}")),
             other => other,
         };
+        if folder.is_symlink() {
+            return Err(self.link(place));
+        }
         if !folder.is_dir() {
             return Err(self.failed(&format!("removed the directory `{place}`")));
         }

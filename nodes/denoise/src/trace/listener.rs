@@ -20,6 +20,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread::{self, JoinHandle},
+    time::{Duration, Instant},
 };
 
 #[cfg(target_arch = "x86_64")]
@@ -297,18 +298,28 @@ fn receive(socket: &UnixStream) -> Option<OwnedFd> {
     }
 }
 
-/// Hears of calls until no process is left that makes any, or the program has ended and is silent.
+/// How long calls are heard after the end of the program: of what it left behind, the last ones.
+const AFTER: Duration = Duration::from_secs(1);
+
+/// Hears of calls until no process is left that makes any, or the program has ended and is silent, or ended long ago.
+#[expect(clippy::disallowed_methods, reason = "a limit of wall time")]
 fn serve(listener: &OwnedFd, notes: &mut Notes, ended: &AtomicBool) {
     let calls = calls();
     // The two sides take turns, so that they are best on one processor. Older kernels lack this.
     // SAFETY: the request takes a number.
     unsafe { libc::ioctl(listener.as_raw_fd(), SET_FLAGS, 1u64) };
+    let mut over: Option<Instant> = None;
     loop {
         let mut ready = libc::pollfd { fd: listener.as_raw_fd(), events: libc::POLLIN, revents: 0 };
         // SAFETY: one descriptor, which is open.
         let count = unsafe { libc::poll(&raw mut ready, 1, 50) };
-        if count == 0 && ended.load(Ordering::Acquire) {
-            return;
+        if ended.load(Ordering::Acquire) {
+            if count == 0 {
+                return;
+            }
+            if over.get_or_insert_with(Instant::now).elapsed() > AFTER {
+                return notes.give_up("a process that it left behind goes on opening files");
+            }
         }
         if count <= 0 {
             continue;

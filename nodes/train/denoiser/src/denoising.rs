@@ -13,8 +13,8 @@ use tauflow_contract::{
     Outlook, Outputs, Probe, Resources,
 };
 use tauflow_data::{
-    facts::{self, NFE, SPP},
-    methods::{Conditioning, MethodName},
+    facts::{self, NFE, PARAMETERIZATION, SPP},
+    methods::{Conditioning, MethodName, Parameterization},
     records::{Exposure, ModelFile, PackedScene, Refined, RefinedImage, TimedImage, Timing, Variances},
     timing::{Repeated, measuring},
     views::Views,
@@ -102,6 +102,11 @@ const MODEL: All<ModelFile> =
 const AFTER: Each<Any> =
     Each::any("after", "Completed before `timing` measures, so that methods take turns.").or_none();
 
+/// Problems of `weights` and `model`, and their remedies.
+const UNUSED: (&str, &str) = ("a model is connected, but `weights` names a bundled one", "set `weights: connected`");
+const UNCONNECTED: (&str, &str) =
+    ("`weights: connected` needs a model on the input `model`", "connect one, or set `weights: best`");
+
 const MAIN: Group = Group::main(4);
 const MEASURED: Group = Group::new("timing", 3);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image.");
@@ -136,6 +141,17 @@ impl Kind for Denoising {
             problems.extend(facts::independent(ENDPOINTS, &endpoints));
         }
         problems.extend(facts::gbuffer(ENDPOINTS, &endpoints, params.conditioning));
+        match (params.weights.built_in().is_some(), known.has(MODEL.name())) {
+            (true, true) => problems.push(Foreseen::param("/weights", UNUSED.0, UNUSED.1)),
+            (false, false) => problems.push(Foreseen::param("/weights", UNCONNECTED.0, UNCONNECTED.1)),
+            _ => {}
+        }
+        for model in known.all(MODEL) {
+            if let Some(found) = model.facts.get(PARAMETERIZATION).filter(|found| *found != Parameterization::McNoise) {
+                let message = format!("`{}` has the parameterization `{}`", model.name, found.name());
+                problems.push(Foreseen::input(MODEL, message, "connect a model of `mc_noise`"));
+            }
+        }
         let facts = facts::image_of(&endpoints.facts).with(SPP, vec![params.from]).with(NFE, vec![1]);
         Outlook::default().with(REFINED, facts).but(problems)
     }
@@ -177,15 +193,10 @@ impl Kind for Denoising {
             (Some(weights), None) => Denoiser::of(weights.model(params.conditioning)?),
             (None, Some(model)) => Denoiser::of(Model::load(&model.load(ctx)?.0)?),
             (Some(_), Some(_)) => {
-                return Err(KindError::Input(
-                    "a model is connected, but `weights` names a bundled one; set `weights: connected`".into(),
-                ));
+                return Err(KindError::Input(format!("{}; {}", UNUSED.0, UNUSED.1)));
             }
             (None, None) => {
-                return Err(KindError::Input(
-                    "`weights: connected` needs a model on the input `model`; connect one, or set `weights: best`"
-                        .into(),
-                ));
+                return Err(KindError::Input(format!("{}; {}", UNCONNECTED.0, UNCONNECTED.1)));
             }
         };
         let scene = action.read(ctx, ENDPOINTS)?;

@@ -24,7 +24,7 @@ use tauflow_data::{
 use tauflow_tensors::{Checkpoints, Decay, Rates, Share};
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// The kind `generative_training`.
 pub struct GenerativeTraining;

@@ -63,7 +63,7 @@ impl Learning<'_> {
             seconds.push(start.elapsed().as_secs_f64());
             curve.add(loss, norm);
             let done = before + 1;
-            if done.is_multiple_of(*log_every) || done == *steps {
+            if done.is_multiple_of(*log_every) {
                 curve.point(done, None, rate);
             }
             if self.checkpoints.due(done) && (done < *steps || *keep_last) {
@@ -74,6 +74,10 @@ impl Learning<'_> {
                 let rate = recent.len() as f64 / recent.iter().sum::<f64>().max(1e-9);
                 self.ctx.progress(done, *steps, &format!("loss {loss:.4}  {rate:.1} steps/s"));
             }
+        }
+        // Not in the loop: a checkpoint must not depend on where its training ends.
+        if curve.points.last().is_some_and(|point| point.step < *steps) {
+            curve.point(*steps, None, trainer.rates.at(*steps - 1));
         }
         if !trainer.state.is_finite() {
             return Err(KindError::Input("weights are no longer finite; lower `learning_rate`".into()));

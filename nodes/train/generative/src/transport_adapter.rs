@@ -27,7 +27,7 @@ use tauflow_data::{
 use tauflow_tensors::{Checkpoints, Decay, Rates, Share};
 
 /// Raised with every change of what a training computes: neither results nor checkpoints of before count then.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The kind `transport_adapter`.
 pub struct TransportAdapter;

@@ -198,6 +198,28 @@ fn trainings_go_on_where_they_were_stopped_to_the_same_bits() {
 }
 
 #[test]
+fn a_training_is_the_same_after_shorter_and_longer_ones() {
+    let training = |steps| GenerativeTrainingParams { log_every: 3, ..training(Family::RectifiedFlow, steps) };
+    let made = |blobs: &MemoryBlobs, steps| {
+        let scenes = scenes(blobs);
+        let made =
+            with(blobs, |ctx| gather::<GenerativeTraining>(ctx, training(steps), &[("train", &scenes)])).expect("on");
+        let log = made.collections["log"].get("rectified_flow").expect("named like the family").clone();
+        let log: TrainingLog = with(blobs, |ctx| TrainingLog::load(ctx, &log)).expect("whole");
+        let points: Vec<(u64, Option<f64>)> = log.points.iter().map(|point| (point.step, point.train)).collect();
+        (made.collections["backbone"].clone(), points)
+    };
+    let fresh: Vec<_> = [4, 6, 8].map(|steps| made(&MemoryBlobs::default(), steps)).into_iter().collect();
+    assert_eq!(fresh[2].1.iter().map(|point| point.0).collect::<Vec<_>>(), [0, 3, 6, 8]);
+    for order in [[0, 1, 2], [2, 1, 0]] {
+        let blobs = MemoryBlobs::default();
+        for place in order {
+            assert_eq!(made(&blobs, 4 + 2 * place as u64), fresh[place], "{order:?}");
+        }
+    }
+}
+
+#[test]
 fn bits_do_not_depend_on_the_number_of_threads() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");

@@ -70,6 +70,12 @@ impl Preset {
         self.plan().sides
     }
 
+    /// Height and width of images must be multiples of this.
+    pub(crate) fn multiple(self) -> usize {
+        let plan = self.plan();
+        (1 << plan.widths.len()).max(1 << (plan.sides.len() - 1))
+    }
+
     fn plan(self) -> Plan {
         match self {
             Self::Tiny => Plan::normalised(&[32, 64, 96], 1, 1, 64),
@@ -209,7 +215,7 @@ impl Unet {
         let guide = output.is_guided().then(|| build.conv("guide", plan.widths[0], strengths, Start::Zero));
         let places = 4 * SMOOTHED * SMOOTHED;
         let smooth = output.is_smoothed().then(|| build.conv("smooth", plan.widths[0], places, Start::Zero));
-        let multiple = (2 << down.len()).max(1 << (plan.sides.len() - 1));
+        let multiple = preset.multiple();
         let normalise = plan.normalise;
         Self {
             slots: build.slots,

@@ -67,7 +67,8 @@ pub struct TrainingParams {
     /// Number of training examples per step.
     #[schemars(range(min = 1, max = 4096))]
     pub batch: usize,
-    /// Side of the training windows in pixels; limited to the image size and rounded down to a multiple of 8.
+    /// Side of the training windows in pixels; limited to the image size and rounded down to a multiple of 8, or
+    /// of 16 for `fast`, `best` and `wide`.
     #[schemars(range(min = 8))]
     pub crop: usize,
     /// Learning rate of Adam.
@@ -208,6 +209,12 @@ impl TrainingParams {
     /// Checks beyond the schema: incompatible params.
     pub(super) fn problems(&self) -> Vec<ParamProblem> {
         let mut problems = Vec::new();
+        let least = self.preset.multiple();
+        if self.crop < least {
+            let message =
+                format!("a crop of {} pixels is below the minimum of `{}`, {least}", self.crop, self.preset.name());
+            problems.push(ParamProblem::new("/crop", message, format!("use {least} or more")));
+        }
         if self.rung_exponent != 0.0 && self.parameterization == Parameterization::VanillaRf {
             problems.push(ParamProblem::new(
                 "/rung_exponent",

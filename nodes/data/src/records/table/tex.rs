@@ -54,7 +54,7 @@ fn of(table: &ScoreTable, metric: &str) -> String {
         tex_escape(metric),
         table.items
     );
-    let _ = writeln!(out, "  \\begin{{tabular}}{{{}{}}}", "l".repeat(row_axes.len()), "r".repeat(columns.len()));
+    let _ = writeln!(out, "  \\begin{{tabular}}{{{}{}}}", "l".repeat(row_axes.len().max(1)), "r".repeat(columns.len()));
     out.push_str("    \\toprule\n");
     for (place, axis) in column_axes.iter().enumerate() {
         let blank = " & ".repeat(row_axes.len().saturating_sub(1));
@@ -95,7 +95,12 @@ mod tests {
         assert!(text.contains("sobol & \\textbf{22.50} & -- \\\\"), "{text}");
         assert!(text.contains("independent & 20.00 & \\textbf{26.00} \\\\"), "{text}");
         assert!(text.contains("\\caption{Two, samplers: hdr\\_psnr $\\uparrow$"), "{text}");
-        // As many columns as the format declares, in every row.
+        // As many columns as the format declares, in every row; also without an axis of rows.
+        let mut flat = super::super::tests::table();
+        flat.row_axes = 0;
+        let flat = tables(&flat);
+        assert!(flat.contains("\\begin{tabular}{lrrr}"), "{flat}");
+        assert!(flat.lines().filter(|l| l.ends_with("\\\\")).all(|l| l.matches('&').count() == 3), "{flat}");
         for line in text.lines().filter(|line| line.ends_with("\\\\")) {
             assert_eq!(line.matches('&').count(), 2, "{line}");
         }
