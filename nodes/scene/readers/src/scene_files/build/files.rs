@@ -3,7 +3,7 @@
 use super::{Bound, Builder, Channels, holds, mirrors};
 use crate::{
     assets::{Refusal, damaged, ending, picture, radiance},
-    scene_files::{given::normalised, meshes, ply, ply::Read, problems::Place, spectra},
+    scene_files::{given::normalised, meshes, obj, ply, ply::Read, problems::Place, spectra},
 };
 use std::rc::Rc;
 use tauflow_contract::Digest;
@@ -195,7 +195,7 @@ impl Builder<'_> {
         }
         let bytes = self.bytes(path, at)?;
         let read = match sort {
-            "obj" => meshes::obj(&bytes),
+            "obj" => obj::read(&bytes),
             "serialized" => meshes::serialized(&bytes, index),
             _ => ply::read(&bytes).and_then(meshes::checked),
         };
@@ -211,6 +211,9 @@ impl Builder<'_> {
         let asked = self.left.read("mesh", read.cost);
         if !self.affordable(asked, at) {
             return None;
+        }
+        if let Some(note) = &read.note {
+            self.problems.note(at, format!("`{path}`: {note}"));
         }
         let bad = read.mesh.positions.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
         if bad > 0 {
