@@ -81,6 +81,11 @@ fn an_environment_that_is_asked_for_replaces_that_of_the_file() {
     let path = folder.path().join("sky.hdr");
     fs::write(&path, b"#?RGBE\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x80\x80\x80\x80").expect("writable");
     assert_eq!(environment_map(&path).expect("a map").width(), 2);
+    for name in ["sky.rgbe", "sky.PIC", "sky.exr"] {
+        let copy = folder.path().join(name);
+        fs::copy(&path, &copy).expect("writable");
+        assert_eq!(environment_map(&copy).expect("by its first bytes").width(), 2, "{name}");
+    }
     let told = environment_map(&folder.path().join("none.exr")).expect_err("nothing there").to_string();
     assert!(told.contains("none.exr`: ") && told.contains("mend the path"), "{told}");
     assert!(environment_map(&folder.path().join("a.png")).expect_err("a png").to_string().contains("by its ending"));
