@@ -12,7 +12,7 @@ mod refusal;
 pub(crate) use blobs::BlobSet;
 pub(crate) use bounds::Allowance;
 pub(crate) use files::{ascii, ending, expand, refusal, search};
-pub(crate) use gltf::{Document, Externals, Surfaces, picture, read_in_place, relative_path, uris};
+pub(crate) use gltf::{Document, Externals, Surfaces, alpha, picture, read_in_place, relative_path, uris};
 pub(crate) use refusal::{Refusal, damaged};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
