@@ -194,7 +194,7 @@ fn read_as(
         };
         let Some(frame) = alone.as_ref().or(frame.as_ref()) else { continue };
         let back = frame.back();
-        let (mesh, lost) = finish::mesh(piece, frame, report);
+        let (mesh, lost) = finish::mesh(piece, frame, purpose, report);
         dropped += lost.not_finite;
         let Some(mesh) = mesh else { continue };
         mesh.positions.iter().for_each(|p| bounds.grow(p.map(f64::from)));

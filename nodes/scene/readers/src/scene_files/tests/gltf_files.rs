@@ -91,6 +91,47 @@ fn an_environment_that_is_asked_for_replaces_that_of_the_file() {
     assert!(environment_map(&folder.path().join("a.png")).expect_err("a png").to_string().contains("by its ending"));
 }
 
+/// The mesh of a file with these attributes in place of its own: components, and numbers.
+fn with_numbers(file: &mut Value, attributes: &[(&str, &str, &[f32])]) {
+    use base64::{Engine as _, engine::general_purpose::STANDARD};
+    let primitive = &mut file["meshes"][0]["primitives"][0];
+    primitive["attributes"] = json!({});
+    let (mut bytes, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
+    for (name, sort, numbers) in attributes {
+        let own: Vec<u8> = numbers.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let width = sort.strip_prefix("VEC").map_or(1, |width| width.parse().expect("a width"));
+        primitive["attributes"][name] = json!(accessors.len());
+        views.push(json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": own.len() }));
+        accessors.push(json!({ "bufferView": accessors.len(), "componentType": 5126, "type": sort,
+            "count": numbers.len() / width }));
+        bytes.extend(own);
+    }
+    file["bufferViews"] = json!(views);
+    file["accessors"] = json!(accessors);
+    file["buffers"] = json!([{ "byteLength": bytes.len(),
+        "uri": format!("data:application/octet-stream;base64,{}", STANDARD.encode(&bytes)) }]);
+}
+
+const TRIANGLE: &[f32] = &[0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 4.0, 0.0];
+
+/// A tetrahedron, whose triangles face outwards or inwards.
+fn body(file: &mut Value, outwards: bool) {
+    let corners = [[0.0f32, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]];
+    let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    let faces = faces.map(|[a, b, c]| if outwards { [a, b, c] } else { [a, c, b] });
+    let numbers: Vec<f32> = faces.iter().flatten().flat_map(|i: &usize| corners[*i]).collect();
+    with_numbers(file, &[("POSITION", "VEC3", &numbers)]);
+}
+
+#[test]
+fn closed_bodies_keep_their_front_side() {
+    for outwards in [true, false] {
+        let loaded = load_in(&changed(|file| body(file, outwards)), &Setting::camera(0)).expect("a body or a room");
+        assert_eq!(tauflow_data::mesh_check::signed_volume(&mesh_of(&loaded, 0)) > 0.0, outwards, "{:?}", loaded.notes);
+        assert!(!loaded.notes.iter().any(|note| note.contains("right side out")), "{:?}", loaded.notes);
+    }
+}
+
 #[test]
 fn animations_are_a_note_and_what_they_point_at_is_no_damage() {
     let sampler = json!({ "input": 0, "output": 0 });
