@@ -18,6 +18,7 @@ use crate::assets::{
 use std::collections::{BTreeMap, btree_map::Entry};
 use tauflow_data::{
     geom::{Aabb, compose},
+    mesh::Mesh,
     mesh_check::is_closed,
     records::{AssetBody, AssetMaterial, AssetPart, AssetReport},
     scene::Affine,
@@ -199,7 +200,7 @@ fn read_as(
         let Some(mesh) = mesh else { continue };
         mesh.positions.iter().for_each(|p| bounds.grow(p.map(f64::from)));
         let closed = is_closed(&mesh);
-        let features = Features { sets, colors: mesh.colors.is_some(), closed };
+        let features = Features { sets, colors: mesh.colors.is_some(), alpha: alpha(&mesh), closed };
         let Some(material) = tell(materials.get(material, features, blobs, report), told) else { continue };
         let uv = mesh.uvs.is_some();
         let triangles = mesh.triangles.len();
@@ -282,6 +283,13 @@ fn copied(mut piece: Piece, copies: &[Copies]) -> Result<Piece, Refusal> {
         }
     }
     Ok(all.unwrap_or_default())
+}
+
+/// The alpha of a mesh's vertex colours if it is the same everywhere, by its bits.
+fn alpha(mesh: &Mesh) -> Option<u32> {
+    let mut all = mesh.colors.iter().flatten().map(|color| color[3].to_bits());
+    let first = all.next().unwrap_or(1.0f32.to_bits());
+    all.all(|alpha| alpha == first).then_some(first)
 }
 
 /// Notes what of the file nothing here reads.

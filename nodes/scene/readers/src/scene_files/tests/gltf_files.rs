@@ -133,6 +133,49 @@ fn closed_bodies_keep_their_front_side() {
 }
 
 #[test]
+fn holes_are_cut_by_the_alpha_of_vertex_colours_too() {
+    use base64::{Engine as _, engine::general_purpose::STANDARD};
+    let mut png = std::io::Cursor::new(Vec::new());
+    let picture = image::RgbaImage::from_fn(2, 1, |x, _| image::Rgba([255, 255, 255, [255, 178][x as usize]]));
+    picture.write_to(&mut png, image::ImageFormat::Png).expect("in memory");
+    let uri = format!("data:image/png;base64,{}", STANDARD.encode(png.into_inner()));
+    let file = |alphas: [f32; 3], mode: &str, textured: bool| {
+        changed(|file| {
+            let colors: Vec<f32> = alphas.iter().flat_map(|alpha| [1.0, 1.0, 1.0, *alpha]).collect();
+            let uvs = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0];
+            let attributes =
+                [("POSITION", "VEC3", TRIANGLE), ("COLOR_0", "VEC4", &colors), ("TEXCOORD_0", "VEC2", &uvs[..])];
+            with_numbers(file, &attributes);
+            file["meshes"][0]["primitives"][0]["material"] = json!(0);
+            file["materials"] = json!([{ "alphaMode": mode }]);
+            if textured {
+                file["materials"][0]["pbrMetallicRoughness"] = json!({ "baseColorTexture": { "index": 0 } });
+                file["textures"] = json!([{ "source": 0 }]);
+                file["images"] = json!([{ "uri": uri }]);
+            }
+        })
+    };
+    let opacity = |alpha: f32, textured: bool| {
+        let loaded = load("a.gltf", &file([alpha; 3], "MASK", textured), &[], false).expect("exact");
+        match &loaded.scene.materials[0] {
+            Bsdf::Mask { opacity: Texture::Constant { value }, .. } => vec![value[0]],
+            Bsdf::Mask { opacity: Texture::Bitmap { image, .. }, .. } => {
+                Image::from_bytes(&loaded.blobs[image]).expect("an image").data().to_vec()
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    // The cut-off is 0.5, and that of the second texel 0.7.
+    assert_eq!([1.0, 0.6, 0.4].map(|alpha| opacity(alpha, false)), [[1.0], [1.0], [0.0]]);
+    assert_eq!([1.0, 0.6, 0.4].map(|alpha| opacity(alpha, true)), [[1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
+    let varied = file([1.0, 1.0, 0.0], "MASK", true);
+    let what = "alpha of vertex colours is left out where holes are cut";
+    assert!(load("a.gltf", &varied, &[], false).expect_err("nearly").contains(what));
+    assert!(load("a.gltf", &varied, &[], true).expect("allowed").notes.iter().any(|note| note.contains(what)));
+    load("a.gltf", &file([1.0, 1.0, 0.0], "OPAQUE", true), &[], false).expect("nothing is cut");
+}
+
+#[test]
 fn animations_are_a_note_and_what_they_point_at_is_no_damage() {
     let sampler = json!({ "input": 0, "output": 0 });
     let path = json!({ "sampler": 0, "target": { "path": "pointer",
