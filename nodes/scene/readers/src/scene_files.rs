@@ -150,7 +150,7 @@ fn read(
     let mut said = match ending(name).as_str() {
         "xml" => mitsuba::read(name, bytes, view, &given, &mut build),
         "pbrt" => pbrt::read(name, bytes, &given, &mut build),
-        _ => gltf::read(name, bytes, view, &given, &mut build, options.light_unit),
+        _ => gltf::read(name, bytes, setting, &given, &mut build, options.light_unit),
     };
     if let Some(map) = &setting.environment {
         setting::surround(&mut build, map);

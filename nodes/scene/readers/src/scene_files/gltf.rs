@@ -8,6 +8,7 @@ use super::{
     given::Given,
     mitsuba::Said,
     problems::Place,
+    setting::{Setting, View},
 };
 use crate::assets::{Document, Externals, Refusal, Surfaces, read_in_place, relative_path, uris};
 use gltf::json::{Index, camera::Type, scene::Node, validation::Checked};
@@ -18,7 +19,7 @@ use std::collections::BTreeSet;
 use tauflow_data::{
     geom::{apply, compose, length, unit},
     records::AssetReport,
-    scene::{Affine, Emitter, Geometry, IDENTITY, Shape},
+    scene::{Affine, Camera, Emitter, Geometry, IDENTITY, Shape},
 };
 
 /// The conversion of a light's intensity.
@@ -108,11 +109,12 @@ fn turned(map: &Affine) -> Affine {
     [0, 1, 2].map(|r: usize| [-x[r], y[r], -z[r], map[r][3]])
 }
 
-/// Reads a scene into `build`, as its camera `view` sees it.
+/// Reads a scene into `build`, as the setting's view sees it. A camera without an aspect ratio has that of the picture,
+/// if it is known.
 pub fn read(
     name: &str,
     bytes: &[u8],
-    view: usize,
+    setting: &Setting,
     given: &Given<'_>,
     build: &mut Builder<'_>,
     unit: LightUnit,
@@ -146,10 +148,14 @@ pub fn read(
     meshes(name, &document, build);
     let mut mirrored = false;
     said.views = nodes.iter().filter(|(node, _)| node.camera.is_some()).count();
+    let (view, from_camera) = match setting.view {
+        View::Camera(view) => (view, true),
+        View::Fit => (0, false),
+    };
     let seen = nodes.iter().filter_map(|(node, map)| Some((node.camera?.value(), map))).nth(view);
     if let Some((camera, map)) = seen {
         mirrored = mirrors(map);
-        match view_of(root, camera, map) {
+        match view_of(root, camera, setting.aspect, map) {
             Ok((camera, film)) => {
                 build.check_camera(&camera, &at);
                 (said.camera, said.film) = (Some(camera), film);
@@ -206,9 +212,10 @@ fn meshes(name: &str, document: &Document<'_>, build: &mut Builder<'_>) {
     }
 }
 
-type View = (tauflow_data::scene::Camera, [u32; 2]);
+/// A camera, and the pixels of its film.
+type Lens = (Camera, [u32; 2]);
 
-fn view_of(root: &gltf::json::Root, number: usize, map: &Affine) -> Result<View, Refusal> {
+fn view_of(root: &gltf::json::Root, number: usize, aspect: Option<f64>, map: &Affine) -> Result<Lens, Refusal> {
     let place = || format!("camera {number}");
     let missing = || Refusal::new(place(), "it is not there, or has no field of view", "export it again");
     let source = root.cameras.get(number).ok_or_else(missing)?;
@@ -216,7 +223,7 @@ fn view_of(root: &gltf::json::Root, number: usize, map: &Affine) -> Result<View,
         return Err(Refusal::new(place(), "orthographic cameras are not supported", "use a perspective one"));
     }
     let lens = source.perspective.as_ref().ok_or_else(missing)?;
-    let aspect = lens.aspect_ratio.map_or(1.0, f64::from);
+    let aspect = lens.aspect_ratio.map(f64::from).or(aspect).unwrap_or(1.0);
     let film = [(512.0 * aspect).round().clamp(1.0, 16384.0) as u32, 512];
     let fov = fov_x(f64::from(lens.yfov).to_degrees(), "y", film).filter(|fov| *fov > 0.0 && *fov < 180.0);
     let made = camera(&turned(map), fov.ok_or_else(missing)?, f64::from(lens.znear));

@@ -91,6 +91,27 @@ fn an_environment_that_is_asked_for_replaces_that_of_the_file() {
     assert!(environment_map(&folder.path().join("a.png")).expect_err("a png").to_string().contains("by its ending"));
 }
 
+#[test]
+fn a_camera_without_an_aspect_ratio_has_that_of_the_picture() {
+    let free = changed(|file| {
+        file["cameras"][0]["perspective"].as_object_mut().expect("a lens").remove("aspectRatio");
+    });
+    let half = tauflow_data::maths::tan(0.35);
+    for (text, aspect, expected) in [
+        (&free, None, 1.0),
+        (&free, Some(3.0), 3.0),
+        (&free, Some(0.5), 0.5),
+        // Its own is kept: the field of view is along the width.
+        (&gltf_text(), Some(3.0), 2.0),
+    ] {
+        let loaded = load_in(text, &Setting { aspect, ..Setting::camera(0) }).expect("a scene");
+        let slope = tauflow_data::maths::tan(loaded.scene.camera.fov_x.to_radians() / 2.0);
+        assert!((slope / half - expected).abs() < 1e-6, "{aspect:?}: {}", slope / half);
+        let [width, height] = loaded.film.expect("by its aspect").map(f64::from);
+        assert_eq!(width / height, expected, "{aspect:?}");
+    }
+}
+
 /// The mesh of a file with these attributes in place of its own: components, and numbers.
 fn with_numbers(file: &mut Value, attributes: &[(&str, &str, &[f32])]) {
     use base64::{Engine as _, engine::general_purpose::STANDARD};
