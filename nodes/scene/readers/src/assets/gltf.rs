@@ -14,6 +14,7 @@ mod primitive;
 mod purpose;
 mod slots;
 mod textures;
+mod two_sided;
 mod uv_sets;
 
 pub use container::Document;

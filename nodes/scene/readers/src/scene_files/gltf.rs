@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use tauflow_data::{
-    geom::{apply, compose, length, unit},
+    geom::{Vec3, apply, compose, length, unit},
     records::AssetReport,
     scene::{Affine, Camera, Emitter, Geometry, IDENTITY, Shape},
 };
@@ -145,7 +145,6 @@ pub fn read(
         build.problems.error(&at, "its nodes form no tree", "export it again");
         return said;
     };
-    meshes(name, &document, build);
     let mut mirrored = false;
     said.views = nodes.iter().filter(|(node, _)| node.camera.is_some()).count();
     let (view, from_camera) = match setting.view {
@@ -163,6 +162,8 @@ pub fn read(
             Err(refusal) => build.problems.refuse(&at, name, &refusal),
         }
     }
+    let eye = said.camera.as_ref().filter(|_| from_camera).map(|camera| camera.origin);
+    meshes(name, &document, eye, build);
     let list = root.extensions.as_ref().and_then(|e| e.others.get(LIGHTS)?.get("lights")?.as_array());
     for (node, map) in &nodes {
         let light = node.extensions.as_ref().and_then(|e| e.others.get(LIGHTS)?.get("light")?.as_u64());
@@ -178,11 +179,11 @@ pub fn read(
     said
 }
 
-/// Adds the surfaces of the default scene.
-fn meshes(name: &str, document: &Document<'_>, build: &mut Builder<'_>) {
+/// Adds the surfaces of the default scene, which a camera at `eye` sees.
+fn meshes(name: &str, document: &Document<'_>, eye: Option<Vec3>, build: &mut Builder<'_>) {
     let at = Place::file(name);
     let mut report = AssetReport::default();
-    let read = read_in_place(document, MOST_TEXELS, &mut build.blobs, &mut report);
+    let read = read_in_place(document, eye, MOST_TEXELS, &mut build.blobs, &mut report);
     for note in report.notes {
         build.problems.approximated(&at, note, "export the scene without it");
     }

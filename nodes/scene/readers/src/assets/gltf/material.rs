@@ -313,6 +313,11 @@ impl<'a, 'd> Materials<'a, 'd> {
         Ok((sets, source.normal_texture.is_some()))
     }
 
+    /// Whether a material shows both of its sides; if it does not exist, it shows one.
+    pub fn is_double_sided(&self, number: Option<usize>) -> bool {
+        number.and_then(|number| self.document.root.materials.get(number)).is_some_and(|material| material.double_sided)
+    }
+
     /// The index of a material for meshes with such features; `None` is the default material.
     ///
     /// # Errors

@@ -154,6 +154,44 @@ fn closed_bodies_keep_their_front_side() {
 }
 
 #[test]
+fn emission_that_lacks_its_back_is_approximated() {
+    let lamp = |change: &dyn Fn(&mut Value)| {
+        changed(|file| {
+            file["materials"] = json!([{ "doubleSided": true, "emissiveFactor": [1.0, 1.0, 1.0] }]);
+            change(file);
+            file["meshes"][0]["primitives"][0]["material"] = json!(0);
+        })
+    };
+    let within = |file: &mut Value| file["nodes"][0]["translation"] = json!([-0.5, -0.5, 4.5]);
+    let what = "emission of double-sided surfaces is on their front alone";
+    for (name, text, lacks) in [
+        ("open", lamp(&|_| {}), true),
+        ("single-sided", lamp(&|file| file["materials"][0]["doubleSided"] = json!(false)), false),
+        ("dark", lamp(&|file| file["materials"][0]["emissiveFactor"] = json!([0.0, 0.0, 0.0])), false),
+        ("closed", lamp(&|file| body(file, true)), false),
+        ("from inside", lamp(&|file| (body(file, true), within(file)).1), true),
+        ("a room", lamp(&|file| (body(file, false), within(file)).1), false),
+        ("a room from outside", lamp(&|file| body(file, false)), true),
+        (
+            "with holes",
+            lamp(&|file| {
+                body(file, true);
+                file["materials"][0]["alphaMode"] = json!("MASK");
+            }),
+            true,
+        ),
+    ] {
+        let strict = load("a.gltf", &text, &[], false);
+        assert_eq!(strict.is_err(), lacks, "{name}");
+        if lacks {
+            assert!(strict.expect_err(name).contains(what), "{name}");
+        }
+        let notes = load("a.gltf", &text, &[], true).expect(name).notes;
+        assert_eq!(notes.iter().any(|note| note.contains(what)), lacks, "{name}: {notes:?}");
+    }
+}
+
+#[test]
 fn holes_are_cut_by_the_alpha_of_vertex_colours_too() {
     use base64::{Engine as _, engine::general_purpose::STANDARD};
     let mut png = std::io::Cursor::new(Vec::new());
