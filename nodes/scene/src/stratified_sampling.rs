@@ -1,11 +1,12 @@
 #![doc = include_str!("stratified_sampling.md")]
 
+use crate::signature::{QUANTUM, signature};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{
-    Action, All, Before, Context, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec, Known,
-    Later, MOST_ITEMS, Media, Mode, Out, Outlook, Outputs, ParamProblem, Stored,
+    Action, All, Before, Context, Digest, Facts, Foreseen, Group, Handle, ItemKey, Items, Kind, KindError, KindSpec,
+    Known, Later, MOST_ITEMS, Media, Mode, Out, Outlook, Outputs, ParamProblem, Stored,
 };
 use tauflow_data::{
     ContextClass, Regime, Stratum, StratumName,
@@ -18,7 +19,7 @@ const TEST_SIDE: All<SceneRecord> = All::new("test", "Scenes of the test side.")
 const TAKEN: All<SceneRecord> =
     All::new("taken", "Scenes chosen by a different sampling, which are skipped.").or_none();
 
-const MAIN: Group = Group::main(1);
+const MAIN: Group = Group::main(2);
 const TRAIN: Out<SceneRecord> = Out::new(MAIN, "train", "The chosen training scenes.");
 const TEST: Out<SceneRecord> = Out::new(MAIN, "test", "The chosen test scenes.");
 const REPORT: Out<SamplingReport> =
@@ -110,6 +111,15 @@ struct Candidate<'a> {
 /// Scenes that were chosen.
 type Chosen = Vec<(ItemKey, Stored<SceneRecord>)>;
 
+/// What tells the contents of a stratum apart.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+enum Content {
+    /// The number of a generated one.
+    Numbered(u64),
+    /// The signature of one that was read from a file: all of its cameras share it.
+    Unnumbered(Digest),
+}
+
 /// Passes over the views of a content beyond the first so many: others are let through as they are.
 fn few_views<'a>(
     ctx: &Context<'_>,
@@ -117,10 +127,13 @@ fn few_views<'a>(
     views: Option<u64>,
 ) -> Result<Vec<Candidate<'a>>, KindError> {
     let Some(views) = views else { return Ok(there) };
-    let mut seen: BTreeMap<u64, u64> = BTreeMap::new();
+    let mut seen: BTreeMap<Content, u64> = BTreeMap::new();
     let mut out = Vec::new();
     for candidate in there {
-        let count = seen.entry(SceneRecord::recipe(ctx, candidate.scene)?.content()).or_default();
+        let recipe = SceneRecord::recipe(ctx, candidate.scene)?;
+        let content =
+            recipe.content.map_or_else(|| Content::Unnumbered(signature(&recipe, QUANTUM)), Content::Numbered);
+        let count = seen.entry(content).or_default();
         *count += 1;
         if *count <= views {
             out.push(candidate);

@@ -12,7 +12,7 @@ mod refusal;
 pub(crate) use blobs::BlobSet;
 pub(crate) use bounds::Allowance;
 pub(crate) use files::{ascii, ending, expand, refusal, search};
-pub(crate) use gltf::{Document, Externals, Surfaces, picture, read_in_place, relative_path, uris};
+pub(crate) use gltf::{Document, Externals, Surfaces, alpha, picture, read_in_place, relative_path, uris};
 pub(crate) use refusal::{Refusal, damaged};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -23,7 +23,7 @@ use tauflow_contract::{
 };
 use tauflow_data::records::{Asset, AssetBody, AssetReport};
 
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const ASSETS: Out<Asset> = Out::new(MAIN, "assets", "The imported files, without refused ones.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "The import result of each file.");
 
@@ -63,12 +63,28 @@ fn is_map(name: &str) -> bool {
     matches!(files::ending(name).as_str(), "hdr" | "exr")
 }
 
-/// Reads a picture of radiance (`.hdr`, `.exr`); linear RGB.
+/// Reads a picture of radiance, Radiance or OpenEXR by its first bytes; linear RGB.
 ///
 /// # Errors
 /// If the bytes are no such picture.
 pub(crate) fn radiance(name: &str, bytes: &[u8]) -> Result<tauflow_data::Image, Refusal> {
-    if files::ending(name) == "hdr" { hdr::read(bytes) } else { exr_file::read(bytes) }
+    if is_hdr(name, bytes) { hdr::read(bytes) } else { exr_file::read(bytes) }
+}
+
+/// The alpha of a picture of radiance beside red, green and blue; none if there is no such channel, or it is 1
+/// everywhere.
+///
+/// # Errors
+/// If the bytes are no such picture.
+pub(crate) fn radiance_alpha(name: &str, bytes: &[u8]) -> Result<Option<tauflow_data::Image>, Refusal> {
+    let found = if is_hdr(name, bytes) { None } else { exr_file::alpha(bytes)? };
+    Ok(found.filter(|image| image.data().iter().any(|v| *v != 1.0)))
+}
+
+/// True for a Radiance picture: by its first bytes, or by its name if these are those of no format.
+fn is_hdr(name: &str, bytes: &[u8]) -> bool {
+    let named = matches!(files::ending(name).as_str(), "hdr" | "rgbe" | "pic");
+    bytes.starts_with(b"#?") || (named && !bytes.starts_with(b"\x76\x2f\x31\x01"))
 }
 
 /// Decodes a file: what it is, with its blobs in `blobs`.

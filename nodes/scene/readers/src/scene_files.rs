@@ -7,6 +7,7 @@ mod given;
 mod gltf;
 mod meshes;
 mod mitsuba;
+mod obj;
 mod pbrt;
 mod ply;
 mod problems;
@@ -40,7 +41,7 @@ use tauflow_data::{
     scene::{Emitter, Recipe, Scene},
 };
 
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const SCENES: Out<SceneRecord> =
     Out::new(MAIN, "scenes", "The scenes; unreadable ones fail, or are omitted.").filtering();
 const REPORTS: Out<AssetReport> = Out::new(MAIN, "reports", "Notes on each file.");
@@ -149,7 +150,7 @@ fn read(
     let mut said = match ending(name).as_str() {
         "xml" => mitsuba::read(name, bytes, view, &given, &mut build),
         "pbrt" => pbrt::read(name, bytes, &given, &mut build),
-        _ => gltf::read(name, bytes, view, &given, &mut build, options.light_unit),
+        _ => gltf::read(name, bytes, setting, &given, &mut build, options.light_unit),
     };
     if let Some(map) = &setting.environment {
         setting::surround(&mut build, map);

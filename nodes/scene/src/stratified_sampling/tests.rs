@@ -3,6 +3,7 @@
 use super::*;
 use std::sync::atomic::AtomicBool;
 use tauflow_contract::{Collection, Digest, MemoryBlobs, Silent};
+use tauflow_data::scene::{Camera, Recipe, Scene};
 
 fn side(per_stratum: u64, without: &str) -> Collection {
     Stratum::all()
@@ -136,5 +137,70 @@ fn own_strata_are_chosen_from_by_name() {
     let twice = StratifiedSamplingParams { strata: [strata.clone(), strata].concat(), ..params };
     for wrong in [both, twice] {
         assert_eq!(StratifiedSampling::check(&wrong)[0].pointer, "/strata");
+    }
+}
+
+#[test]
+fn views_are_counted_by_content_in_generated_scenes_and_in_files() {
+    let (blobs, cancel) = (MemoryBlobs::default(), AtomicBool::new(false));
+    let ctx = Context::new(&blobs, &Silent, &cancel);
+    let camera = Camera { origin: [0.0; 3], target: [0.0, 0.0, 1.0], up: [0.0, 1.0, 0.0], fov_x: 40.0, near: 0.0 };
+    let stratum: StratumName = "kitchens".parse().expect("a name");
+    // Contents by number, all of one signature; cameras of files by what they show.
+    let numbered = |number| (Some(number), "box_room");
+    let file = |name| (None, name);
+    let pool = [
+        numbered(0),
+        numbered(0),
+        numbered(0),
+        numbered(1),
+        numbered(1),
+        file("file/a.glb"),
+        file("file/a.glb"),
+        file("file/b.glb"),
+        file("file/a.glb"),
+        numbered(2),
+    ];
+    let mut side = Collection::default();
+    for (index, (content, layout)) in pool.into_iter().enumerate() {
+        let recipe = Recipe {
+            stratum: stratum.to_string(),
+            index: index as u64,
+            layout: layout.to_owned(),
+            layout_params: BTreeMap::new(),
+            objects: vec![format!("file/{layout}")],
+            environment: "none".to_owned(),
+            content,
+            view: 0,
+            side: None,
+            exposure_ev: 0.0,
+        };
+        let scene = Scene {
+            version: 1,
+            seed: 0,
+            camera: camera.clone(),
+            max_depth: 1,
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            emitters: Vec::new(),
+            hide_emitters: false,
+        };
+        let stored = SceneRecord { scene, recipe }.store(&ctx).expect("in memory");
+        side.items.insert(stratum.item_key(index as u64), stored.into_artifact());
+    }
+    for (views, expected) in [(Some(1), &[0, 3, 5, 7, 9][..]), (Some(2), &[0, 1, 3, 4, 5, 6, 7, 9]), (None, &[0; 0])] {
+        let expected: Vec<u64> = if views.is_none() { (0..10).collect() } else { expected.to_vec() };
+        let params = StratifiedSamplingParams {
+            test: expected.len() as u64,
+            test_views: views,
+            strata: vec![stratum.clone()],
+            ..Default::default()
+        };
+        let all = BTreeMap::from([(TEST_SIDE.name(), &side)]);
+        let action = Action { params, item: None, group: "main", seed: 0, each: BTreeMap::new(), all };
+        let outputs = StratifiedSampling::run(&ctx, &action).expect("enough");
+        let index = |key: &ItemKey| StratumName::of_key(key.as_str()).expect("a scene").1;
+        let chosen: Vec<u64> = outputs.collections["test"].items.keys().map(index).collect();
+        assert_eq!(chosen, expected, "{views:?}");
     }
 }

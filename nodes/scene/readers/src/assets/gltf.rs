@@ -14,9 +14,10 @@ mod primitive;
 mod purpose;
 mod slots;
 mod textures;
+mod two_sided;
 mod uv_sets;
 
 pub use container::Document;
 pub use container::{Externals, relative_path, uris};
-pub use images::picture;
+pub use images::{alpha, picture};
 pub use object::{Surfaces, read, read_in_place};

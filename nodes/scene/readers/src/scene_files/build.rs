@@ -34,8 +34,8 @@ pub enum Channels {
     Colors,
     /// One number: luminance. Pictures that are grey stay as they are.
     Luminance,
-    /// One number: the mean.
-    Mean,
+    /// One number, as pbrt takes it: alpha beside colours if it is not 1 everywhere, otherwise the mean.
+    Number,
 }
 
 /// The range of a picture's values.

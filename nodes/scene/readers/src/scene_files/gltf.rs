@@ -8,6 +8,7 @@ use super::{
     given::Given,
     mitsuba::Said,
     problems::Place,
+    setting::{Setting, View},
 };
 use crate::assets::{Document, Externals, Refusal, Surfaces, read_in_place, relative_path, uris};
 use gltf::json::{Index, camera::Type, scene::Node, validation::Checked};
@@ -16,9 +17,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use tauflow_data::{
-    geom::{apply, compose, length, unit},
+    geom::{Vec3, apply, compose, length, unit},
     records::AssetReport,
-    scene::{Affine, Emitter, Geometry, IDENTITY, Shape},
+    scene::{Affine, Camera, Emitter, Geometry, IDENTITY, Shape},
 };
 
 /// The conversion of a light's intensity.
@@ -108,11 +109,12 @@ fn turned(map: &Affine) -> Affine {
     [0, 1, 2].map(|r: usize| [-x[r], y[r], -z[r], map[r][3]])
 }
 
-/// Reads a scene into `build`, as its camera `view` sees it.
+/// Reads a scene into `build`, as the setting's view sees it. A camera without an aspect ratio has that of the picture,
+/// if it is known.
 pub fn read(
     name: &str,
     bytes: &[u8],
-    view: usize,
+    setting: &Setting,
     given: &Given<'_>,
     build: &mut Builder<'_>,
     unit: LightUnit,
@@ -143,13 +145,16 @@ pub fn read(
         build.problems.error(&at, "its nodes form no tree", "export it again");
         return said;
     };
-    meshes(name, &document, build);
     let mut mirrored = false;
     said.views = nodes.iter().filter(|(node, _)| node.camera.is_some()).count();
+    let (view, from_camera) = match setting.view {
+        View::Camera(view) => (view, true),
+        View::Fit => (0, false),
+    };
     let seen = nodes.iter().filter_map(|(node, map)| Some((node.camera?.value(), map))).nth(view);
     if let Some((camera, map)) = seen {
         mirrored = mirrors(map);
-        match view_of(root, camera, map) {
+        match view_of(root, camera, setting.aspect, map) {
             Ok((camera, film)) => {
                 build.check_camera(&camera, &at);
                 (said.camera, said.film) = (Some(camera), film);
@@ -157,6 +162,8 @@ pub fn read(
             Err(refusal) => build.problems.refuse(&at, name, &refusal),
         }
     }
+    let eye = said.camera.as_ref().filter(|_| from_camera).map(|camera| camera.origin);
+    meshes(name, &document, eye, build);
     let list = root.extensions.as_ref().and_then(|e| e.others.get(LIGHTS)?.get("lights")?.as_array());
     for (node, map) in &nodes {
         let light = node.extensions.as_ref().and_then(|e| e.others.get(LIGHTS)?.get("light")?.as_u64());
@@ -172,11 +179,11 @@ pub fn read(
     said
 }
 
-/// Adds the surfaces of the default scene.
-fn meshes(name: &str, document: &Document<'_>, build: &mut Builder<'_>) {
+/// Adds the surfaces of the default scene, which a camera at `eye` sees.
+fn meshes(name: &str, document: &Document<'_>, eye: Option<Vec3>, build: &mut Builder<'_>) {
     let at = Place::file(name);
     let mut report = AssetReport::default();
-    let read = read_in_place(document, MOST_TEXELS, &mut build.blobs, &mut report);
+    let read = read_in_place(document, eye, MOST_TEXELS, &mut build.blobs, &mut report);
     for note in report.notes {
         build.problems.approximated(&at, note, "export the scene without it");
     }
@@ -206,9 +213,10 @@ fn meshes(name: &str, document: &Document<'_>, build: &mut Builder<'_>) {
     }
 }
 
-type View = (tauflow_data::scene::Camera, [u32; 2]);
+/// A camera, and the pixels of its film.
+type Lens = (Camera, [u32; 2]);
 
-fn view_of(root: &gltf::json::Root, number: usize, map: &Affine) -> Result<View, Refusal> {
+fn view_of(root: &gltf::json::Root, number: usize, aspect: Option<f64>, map: &Affine) -> Result<Lens, Refusal> {
     let place = || format!("camera {number}");
     let missing = || Refusal::new(place(), "it is not there, or has no field of view", "export it again");
     let source = root.cameras.get(number).ok_or_else(missing)?;
@@ -216,7 +224,7 @@ fn view_of(root: &gltf::json::Root, number: usize, map: &Affine) -> Result<View,
         return Err(Refusal::new(place(), "orthographic cameras are not supported", "use a perspective one"));
     }
     let lens = source.perspective.as_ref().ok_or_else(missing)?;
-    let aspect = lens.aspect_ratio.map_or(1.0, f64::from);
+    let aspect = lens.aspect_ratio.map(f64::from).or(aspect).unwrap_or(1.0);
     let film = [(512.0 * aspect).round().clamp(1.0, 16384.0) as u32, 512];
     let fov = fov_x(f64::from(lens.yfov).to_degrees(), "y", film).filter(|fov| *fov > 0.0 && *fov < 180.0);
     let made = camera(&turned(map), fov.ok_or_else(missing)?, f64::from(lens.znear));

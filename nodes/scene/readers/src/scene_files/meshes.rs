@@ -1,4 +1,4 @@
-//! Meshes of files and of forms: OBJ, Mitsuba's serialized format, tessellated forms, normals. Knows nothing of scenes.
+//! Meshes of files and of forms: Mitsuba's serialized format, tessellated forms, normals. Knows nothing of scenes.
 
 use super::ply::Read;
 use crate::assets::{Refusal, damaged};
@@ -28,39 +28,6 @@ pub fn checked(read: Read) -> Result<Read, Refusal> {
         return Err(damaged("faces", format!("vertex {bad} of {vertices} is named")));
     }
     Ok(read)
-}
-
-/// Reads an OBJ file: all of its objects as one mesh. Materials are the scene's, and not read.
-///
-/// # Errors
-/// If the file is damaged, or has no faces.
-pub fn obj(bytes: &[u8]) -> Result<Read, Refusal> {
-    let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
-    let (mut bytes, cost) = (bytes, bytes.len());
-    let loaded = tobj::load_obj_buf(&mut bytes, &options, |_| Ok((Vec::new(), Default::default())));
-    let (models, _) = loaded.map_err(|e| damaged("data", e.to_string()))?;
-    let mut mesh = Mesh::default();
-    let all = |has: fn(&tobj::Mesh) -> bool| models.iter().all(|m| has(&m.mesh));
-    let (normals, uvs) = (all(|m| m.normals.len() == m.positions.len()), all(|m| !m.texcoords.is_empty()));
-    for model in models {
-        let (own, first) = (model.mesh, mesh.positions.len() as u32);
-        let count = own.positions.len() / 3;
-        mesh.positions.extend(own.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]));
-        if normals {
-            mesh.normals.get_or_insert_default().extend(own.normals.chunks_exact(3).map(|p| [p[0], p[1], p[2]]));
-        }
-        if uvs && own.texcoords.len() == 2 * count {
-            mesh.uvs.get_or_insert_default().extend(own.texcoords.chunks_exact(2).map(|p| [p[0], p[1]]));
-        }
-        mesh.triangles.extend(own.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(|i| i.saturating_add(first))));
-    }
-    if mesh.uvs.as_ref().is_some_and(|uvs| uvs.len() != mesh.positions.len()) {
-        mesh.uvs = None;
-    }
-    if mesh.triangles.is_empty() {
-        return Err(damaged("faces", "there are none"));
-    }
-    checked(Read { mesh, attributes: BTreeMap::new(), cost })
 }
 
 /// Reads mesh `index` of Mitsuba's serialized format (versions 3 and 4).
@@ -138,7 +105,7 @@ pub fn serialized(bytes: &[u8], index: usize) -> Result<Read, Refusal> {
     if flags & 0x10 != 0 {
         mesh.normals = None;
     }
-    checked(Read { mesh, attributes, cost: body.len() })
+    checked(Read { mesh, attributes, cost: body.len(), note: None })
 }
 
 /// Gives a mesh vertex normals: those of its triangles, weighted by their angles, where a map puts it.
@@ -259,19 +226,6 @@ mod tests {
     use std::io::Write;
     use tauflow_data::geom::scaling;
     use tauflow_data::scene::IDENTITY;
-
-    #[test]
-    fn objects_are_read_with_polygons_and_shared_corners() {
-        let text = "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\n\
-                    o a\nusemtl red\nf 1/1/1 2/1/1 3/2/1 4/1/1\no b\nf -4/1/1 -3/1/1 -2/2/1\n";
-        let read = obj(text.as_bytes()).expect("two objects");
-        assert_eq!(read.mesh.triangles.len(), 3);
-        assert_eq!(read.mesh.uvs.as_ref().map(Vec::len), Some(read.mesh.positions.len()));
-        assert!(read.mesh.normals.expect("given").iter().all(|n| *n == [0.0, 0.0, 1.0]));
-        for bad in ["", "v 0 0 0\n", "v 0 0 0\nf 1 2 3\n", "v 0 0\nf 1 1 1\n", "f 1 2 x\n"] {
-            assert!(obj(bad.as_bytes()).is_err(), "{bad:?}");
-        }
-    }
 
     #[test]
     fn serialized_meshes_are_unpacked_within_bounds() {

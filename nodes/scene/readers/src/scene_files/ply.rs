@@ -16,6 +16,8 @@ pub struct Read {
     pub attributes: BTreeMap<String, Vec<[f32; 3]>>,
     /// Bytes that were read to make it, unpacked.
     pub cost: usize,
+    /// What was made for it, if that is worth knowing.
+    pub note: Option<String>,
 }
 
 impl Read {

@@ -29,7 +29,8 @@ pub struct Setting {
     pub view: View,
     /// True frames a file without a camera as [`View::Fit`] does.
     pub frame: bool,
-    /// Width of the picture over its height, for a view of all; none is that of the file's own film.
+    /// Width of the picture over its height, for a view of all and for cameras of glTF files that state none; none is
+    /// that of the file's own film.
     pub aspect: Option<f64>,
     /// An environment in place of the file's own, as longitude and latitude; linear radiance.
     pub environment: Option<Image>,

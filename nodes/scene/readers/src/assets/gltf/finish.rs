@@ -99,8 +99,9 @@ impl UnitBox {
 /// A mesh of a piece; none if no triangle is left.
 ///
 /// Leaves out triangles with a vertex that is not finite or without an area (in the precision of the mesh), and
-/// vertices that none uses; mends normals without a direction; turns a closed body right side out.
-pub fn mesh(mut piece: Piece, frame: &UnitBox, report: &mut AssetReport) -> (Option<Mesh>, Lost) {
+/// vertices that none uses; mends normals without a direction; turns a closed body of an object right side out. In a
+/// scene it may be a room or a sky, whose front is inside.
+pub fn mesh(mut piece: Piece, frame: &UnitBox, purpose: Purpose, report: &mut AssetReport) -> (Option<Mesh>, Lost) {
     piece.transform(&frame.map);
     let single = |p: &Vec3| p.map(|v| v as f32);
     let mut lost = Lost::default();
@@ -129,7 +130,7 @@ pub fn mesh(mut piece: Piece, frame: &UnitBox, report: &mut AssetReport) -> (Opt
         triangles: piece.triangles.clone(),
         ..Mesh::default()
     };
-    if is_closed(&probe) && signed_volume(&probe) < 0.0 {
+    if purpose == Purpose::Object && is_closed(&probe) && signed_volume(&probe) < 0.0 {
         piece.invert();
         report.repaired("closed bodies turned right side out", 1);
     }

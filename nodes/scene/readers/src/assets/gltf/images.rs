@@ -171,6 +171,33 @@ pub fn picture(bytes: &[u8], place: &str, raw: bool, left: &mut Allowance) -> Re
     Ok(bitmap(&decoded, purpose, 1))
 }
 
+/// The alpha of a picture beside red, green and blue, in the encoding of its colours as pbrt reads it; none if there is
+/// no such channel, or it is 1 everywhere.
+///
+/// # Errors
+/// As for [`picture`].
+pub fn alpha(bytes: &[u8], place: &str, raw: bool, left: &mut Allowance) -> Result<Option<Image>, Refusal> {
+    // The colour type in the header of a PNG: palettes and greys have no alpha for pbrt.
+    if bytes.starts_with(b"\x89PNG") && bytes.get(25) != Some(&6) {
+        return Ok(None);
+    }
+    let decoded = decoded(bytes, place, left)?;
+    if decoded.color().channel_count() != 4 {
+        return Ok(None);
+    }
+    let bytes = decoded.width() as usize * decoded.height() as usize * size_of::<f32>();
+    left.make(place, bytes)?;
+    let mut image = bitmap(&decoded, Use::Alpha, 1);
+    if image.data().iter().all(|v| *v == 1.0) {
+        left.give_back(bytes);
+        return Ok(None);
+    }
+    if !raw {
+        image.data_mut().iter_mut().for_each(|v| *v = linear(f64::from(*v)) as f32);
+    }
+    Ok(Some(image))
+}
+
 fn decoded(bytes: &[u8], place: &str, left: &mut Allowance) -> Result<DynamicImage, Refusal> {
     if bytes.starts_with(b"\xabKTX") {
         return Err(Refusal::new(place, "KTX2 textures are not read", "convert them to PNG, JPEG or WebP"));

@@ -99,11 +99,18 @@ impl Making<'_, '_, '_> {
             }
             Checked::Valid(AlphaMode::Mask) => {
                 let cutoff = material.alpha_cutoff.map_or(0.5, |c| c.0);
-                // factor * alpha >= cutoff where alpha >= cutoff / factor.
-                let threshold = if factor > 0.0 { cutoff / factor } else { f32::MAX };
                 if cutoff <= 0.0 {
                     return Ok(None);
                 }
+                let factor = match self.features.alpha {
+                    Some(alpha) => factor * f32::from_bits(alpha),
+                    None => {
+                        self.report.note("alpha of vertex colours is left out where holes are cut");
+                        factor
+                    }
+                };
+                // factor * alpha >= cutoff where alpha >= cutoff / factor.
+                let threshold = if factor > 0.0 { cutoff / factor } else { f32::MAX };
                 if slot.is_none() {
                     return Ok(Some(Texture::scalar(if threshold <= 1.0 { 1.0 } else { 0.0 })));
                 }
@@ -306,6 +313,11 @@ impl<'a, 'd> Materials<'a, 'd> {
         Ok((sets, source.normal_texture.is_some()))
     }
 
+    /// Whether a material shows both of its sides; if it does not exist, it shows one.
+    pub fn is_double_sided(&self, number: Option<usize>) -> bool {
+        number.and_then(|number| self.document.root.materials.get(number)).is_some_and(|material| material.double_sided)
+    }
+
     /// The index of a material for meshes with such features; `None` is the default material.
     ///
     /// # Errors
@@ -317,6 +329,10 @@ impl<'a, 'd> Materials<'a, 'd> {
         blobs: &mut BlobSet,
         report: &mut AssetReport,
     ) -> Result<usize, Refusal> {
+        let source = number.and_then(|number| self.document.root.materials.get(number));
+        let cuts = source.is_some_and(|source| matches!(source.alpha_mode, Checked::Valid(AlphaMode::Mask)));
+        let alpha = if cuts { features.alpha } else { Some(1.0f32.to_bits()) };
+        let features = Features { alpha, ..features };
         let key = (number, features.clone());
         if let Some(made) = self.made.get(&key) {
             return Ok(*made);

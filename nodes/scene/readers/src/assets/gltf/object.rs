@@ -10,6 +10,7 @@ use super::{
     primitive::{self, Piece, Want},
     purpose::Purpose,
     textures::Features,
+    two_sided,
 };
 use crate::assets::{
     blobs::BlobSet,
@@ -17,7 +18,8 @@ use crate::assets::{
 };
 use std::collections::{BTreeMap, btree_map::Entry};
 use tauflow_data::{
-    geom::{Aabb, compose},
+    geom::{Aabb, Vec3, compose},
+    mesh::Mesh,
     mesh_check::is_closed,
     records::{AssetBody, AssetMaterial, AssetPart, AssetReport},
     scene::Affine,
@@ -69,7 +71,7 @@ pub fn read(
 ) -> Result<AssetBody, Refusal> {
     let document = Document::open(bytes, externals)?;
     let mut told = Vec::new();
-    let whole = read_as(Purpose::Object, &document, most, blobs, report, &mut told);
+    let whole = read_as((Purpose::Object, None), &document, most, blobs, report, &mut told);
     if let Some(first) = told.into_iter().next() {
         return Err(first);
     }
@@ -78,18 +80,19 @@ pub fn read(
     Ok(AssetBody::Object { parts, materials, bounds: [bounds.low, bounds.high] })
 }
 
-/// Reads the surfaces of a scene. A mesh that is shown in several places is there once.
+/// Reads the surfaces of a scene, which a camera at `eye` sees. A mesh that is shown in several places is there once.
 ///
 /// # Errors
 /// All that is wrong with them.
 pub fn read_in_place(
     document: &Document<'_>,
+    eye: Option<Vec3>,
     most: usize,
     blobs: &mut BlobSet,
     report: &mut AssetReport,
 ) -> Result<Surfaces, Vec<Refusal>> {
     let mut told = Vec::new();
-    let whole = read_as(Purpose::Scene, document, most, blobs, report, &mut told);
+    let whole = read_as((Purpose::Scene, eye), document, most, blobs, report, &mut told);
     match whole {
         Ok(whole) if told.is_empty() => Ok(whole.surfaces),
         Ok(_) => Err(told),
@@ -112,7 +115,7 @@ fn tell<T>(made: Result<T, Refusal>, told: &mut Vec<Refusal>) -> Option<T> {
 
 /// Reads a file; what is wrong with single primitives and materials goes to `told`.
 fn read_as(
-    purpose: Purpose,
+    (purpose, eye): (Purpose, Option<Vec3>),
     document: &Document<'_>,
     most: usize,
     blobs: &mut BlobSet,
@@ -194,12 +197,13 @@ fn read_as(
         };
         let Some(frame) = alone.as_ref().or(frame.as_ref()) else { continue };
         let back = frame.back();
-        let (mesh, lost) = finish::mesh(piece, frame, report);
+        let (mesh, lost) = finish::mesh(piece, frame, purpose, report);
         dropped += lost.not_finite;
         let Some(mesh) = mesh else { continue };
         mesh.positions.iter().for_each(|p| bounds.grow(p.map(f64::from)));
         let closed = is_closed(&mesh);
-        let features = Features { sets, colors: mesh.colors.is_some(), closed };
+        let features = Features { sets, colors: mesh.colors.is_some(), alpha: alpha(&mesh), closed };
+        let double_sided = materials.is_double_sided(material);
         let Some(material) = tell(materials.get(material, features, blobs, report), told) else { continue };
         let uv = mesh.uvs.is_some();
         let triangles = mesh.triangles.len();
@@ -210,6 +214,10 @@ fn read_as(
             None => vec![back],
             Some(maps) => maps.iter().map(|map| compose(map, &back)).collect(),
         };
+        let made = &materials.list[material];
+        if double_sided && made.emission.is_some() && two_sided::shows_back(&mesh, closed, made, &maps, eye) {
+            report.note(two_sided::NOTE);
+        }
         parts.push((AssetPart { mesh: blobs.add(bytes), material, closed, uv, triangles }, maps));
     }
     // A stray vertex is mended; a file full of them is damaged.
@@ -282,6 +290,13 @@ fn copied(mut piece: Piece, copies: &[Copies]) -> Result<Piece, Refusal> {
         }
     }
     Ok(all.unwrap_or_default())
+}
+
+/// The alpha of a mesh's vertex colours if it is the same everywhere, by its bits.
+fn alpha(mesh: &Mesh) -> Option<u32> {
+    let mut all = mesh.colors.iter().flatten().map(|color| color[3].to_bits());
+    let first = all.next().unwrap_or(1.0f32.to_bits());
+    all.all(|alpha| alpha == first).then_some(first)
 }
 
 /// Notes what of the file nothing here reads.

@@ -23,6 +23,8 @@ pub struct Features {
     pub sets: Vec<UvSet>,
     /// It has vertex colours.
     pub colors: bool,
+    /// The bits of their alpha, if it is the same everywhere; 1 without colours.
+    pub alpha: Option<u32>,
     /// It encloses a volume.
     pub closed: bool,
 }

@@ -2,8 +2,8 @@
 
 use super::{Bound, Builder, Channels, holds, mirrors};
 use crate::{
-    assets::{Refusal, damaged, ending, picture, radiance},
-    scene_files::{given::normalised, meshes, ply, ply::Read, problems::Place, spectra},
+    assets::{Refusal, alpha, damaged, ending, picture, radiance, radiance_alpha},
+    scene_files::{given::normalised, meshes, obj, ply, ply::Read, problems::Place, spectra},
 };
 use std::rc::Rc;
 use tauflow_contract::Digest;
@@ -39,15 +39,31 @@ impl Builder<'_> {
 
     /// The values of a picture.
     pub fn image(&mut self, path: &str, raw: bool, at: &Place) -> Option<Image> {
+        self.image_of(path, raw, Channels::Colors, at)
+    }
+
+    /// The values of a picture: its colours, or one channel if `channels` asks for a number that is one of them.
+    fn image_of(&mut self, path: &str, raw: bool, channels: Channels, at: &Place) -> Option<Image> {
         if self.spent {
             return None;
         }
         let bytes = self.bytes(path, at)?;
-        let read = match ending(path).as_str() {
-            "exr" | "hdr" | "rgbe" | "pic" => radiance(path, &bytes)
-                .and_then(|image| self.left.read("picture", image.width() * image.height()).map(|()| image)),
-            _ => picture(&bytes, "picture", raw, &mut self.left),
+        let is_radiance = matches!(ending(path).as_str(), "exr" | "hdr" | "rgbe" | "pic");
+        let alone = match channels {
+            Channels::Number if is_radiance => radiance_alpha(path, &bytes),
+            Channels::Number => alpha(&bytes, "picture", raw, &mut self.left),
+            _ => Ok(None),
         };
+        let read = match alone {
+            Ok(None) if is_radiance => radiance(path, &bytes),
+            Ok(None) => picture(&bytes, "picture", raw, &mut self.left),
+            Ok(Some(image)) => Ok(image),
+            Err(refusal) => Err(refusal),
+        };
+        let read = read.and_then(|image| {
+            let texels = if is_radiance { image.width() * image.height() } else { 0 };
+            self.left.read("picture", texels).map(|()| image)
+        });
         let sound = read.and_then(|image| {
             let bad = image.data().iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count();
             if bad == 0 {
@@ -86,15 +102,16 @@ impl Builder<'_> {
     }
 
     fn read_picture(&mut self, path: &str, raw: bool, channels: Channels, at: &Place) -> Option<(Digest, f32)> {
-        let image = self.image(path, raw, at)?;
+        let image = self.image_of(path, raw, channels, at)?;
         let image = match channels {
             Channels::Colors => image,
+            _ if image.channels() == 1 => image,
             _ if image.data().chunks_exact(3).all(|t| t[0] == t[1] && t[1] == t[2]) => image,
             _ => {
                 let one = |t: &[f32]| {
                     let [r, g, b] = [t[0], t[1], t[2]].map(f64::from);
                     match channels {
-                        Channels::Mean => ((r + g + b) / 3.0) as f32,
+                        Channels::Number => ((r + g + b) / 3.0) as f32,
                         _ => spectra::luminance([r, g, b]) as f32,
                     }
                 };
@@ -195,7 +212,7 @@ impl Builder<'_> {
         }
         let bytes = self.bytes(path, at)?;
         let read = match sort {
-            "obj" => meshes::obj(&bytes),
+            "obj" => obj::read(&bytes),
             "serialized" => meshes::serialized(&bytes, index),
             _ => ply::read(&bytes).and_then(meshes::checked),
         };
@@ -211,6 +228,9 @@ impl Builder<'_> {
         let asked = self.left.read("mesh", read.cost);
         if !self.affordable(asked, at) {
             return None;
+        }
+        if let Some(note) = &read.note {
+            self.problems.note(at, format!("`{path}`: {note}"));
         }
         let bad = read.mesh.positions.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
         if bad > 0 {

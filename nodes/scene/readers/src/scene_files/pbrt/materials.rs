@@ -419,7 +419,7 @@ impl<'t> PbrtReader<'t, '_, '_> {
             self.build.problems.error(&directive.at, "an image map without `filename`", "name a picture");
             return None;
         };
-        let channels = if number { Channels::Mean } else { Channels::Colors };
+        let channels = if number { Channels::Number } else { Channels::Colors };
         let image = self.build.picture(path, raw, channels, Bound::Share, &directive.at)?;
         // Row 0 of the picture is at v = 1 there.
         let uv = [u, [0.0, -v[1], 1.0 - v[2]]];

@@ -81,9 +81,157 @@ fn an_environment_that_is_asked_for_replaces_that_of_the_file() {
     let path = folder.path().join("sky.hdr");
     fs::write(&path, b"#?RGBE\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x80\x80\x80\x80").expect("writable");
     assert_eq!(environment_map(&path).expect("a map").width(), 2);
+    for name in ["sky.rgbe", "sky.PIC", "sky.exr"] {
+        let copy = folder.path().join(name);
+        fs::copy(&path, &copy).expect("writable");
+        assert_eq!(environment_map(&copy).expect("by its first bytes").width(), 2, "{name}");
+    }
     let told = environment_map(&folder.path().join("none.exr")).expect_err("nothing there").to_string();
     assert!(told.contains("none.exr`: ") && told.contains("mend the path"), "{told}");
     assert!(environment_map(&folder.path().join("a.png")).expect_err("a png").to_string().contains("by its ending"));
+}
+
+#[test]
+fn a_camera_without_an_aspect_ratio_has_that_of_the_picture() {
+    let free = changed(|file| {
+        file["cameras"][0]["perspective"].as_object_mut().expect("a lens").remove("aspectRatio");
+    });
+    let half = tauflow_data::maths::tan(0.35);
+    for (text, aspect, expected) in [
+        (&free, None, 1.0),
+        (&free, Some(3.0), 3.0),
+        (&free, Some(0.5), 0.5),
+        // Its own is kept: the field of view is along the width.
+        (&gltf_text(), Some(3.0), 2.0),
+    ] {
+        let loaded = load_in(text, &Setting { aspect, ..Setting::camera(0) }).expect("a scene");
+        let slope = tauflow_data::maths::tan(loaded.scene.camera.fov_x.to_radians() / 2.0);
+        assert!((slope / half - expected).abs() < 1e-6, "{aspect:?}: {}", slope / half);
+        let [width, height] = loaded.film.expect("by its aspect").map(f64::from);
+        assert_eq!(width / height, expected, "{aspect:?}");
+    }
+}
+
+/// The mesh of a file with these attributes in place of its own: components, and numbers.
+fn with_numbers(file: &mut Value, attributes: &[(&str, &str, &[f32])]) {
+    use base64::{Engine as _, engine::general_purpose::STANDARD};
+    let primitive = &mut file["meshes"][0]["primitives"][0];
+    primitive["attributes"] = json!({});
+    let (mut bytes, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
+    for (name, sort, numbers) in attributes {
+        let own: Vec<u8> = numbers.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let width = sort.strip_prefix("VEC").map_or(1, |width| width.parse().expect("a width"));
+        primitive["attributes"][name] = json!(accessors.len());
+        views.push(json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": own.len() }));
+        accessors.push(json!({ "bufferView": accessors.len(), "componentType": 5126, "type": sort,
+            "count": numbers.len() / width }));
+        bytes.extend(own);
+    }
+    file["bufferViews"] = json!(views);
+    file["accessors"] = json!(accessors);
+    file["buffers"] = json!([{ "byteLength": bytes.len(),
+        "uri": format!("data:application/octet-stream;base64,{}", STANDARD.encode(&bytes)) }]);
+}
+
+const TRIANGLE: &[f32] = &[0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 4.0, 0.0];
+
+/// A tetrahedron, whose triangles face outwards or inwards.
+fn body(file: &mut Value, outwards: bool) {
+    let corners = [[0.0f32, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]];
+    let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    let faces = faces.map(|[a, b, c]| if outwards { [a, b, c] } else { [a, c, b] });
+    let numbers: Vec<f32> = faces.iter().flatten().flat_map(|i: &usize| corners[*i]).collect();
+    with_numbers(file, &[("POSITION", "VEC3", &numbers)]);
+}
+
+#[test]
+fn closed_bodies_keep_their_front_side() {
+    for outwards in [true, false] {
+        let loaded = load_in(&changed(|file| body(file, outwards)), &Setting::camera(0)).expect("a body or a room");
+        assert_eq!(tauflow_data::mesh_check::signed_volume(&mesh_of(&loaded, 0)) > 0.0, outwards, "{:?}", loaded.notes);
+        assert!(!loaded.notes.iter().any(|note| note.contains("right side out")), "{:?}", loaded.notes);
+    }
+}
+
+#[test]
+fn emission_that_lacks_its_back_is_approximated() {
+    let lamp = |change: &dyn Fn(&mut Value)| {
+        changed(|file| {
+            file["materials"] = json!([{ "doubleSided": true, "emissiveFactor": [1.0, 1.0, 1.0] }]);
+            change(file);
+            file["meshes"][0]["primitives"][0]["material"] = json!(0);
+        })
+    };
+    let within = |file: &mut Value| file["nodes"][0]["translation"] = json!([-0.5, -0.5, 4.5]);
+    let what = "emission of double-sided surfaces is on their front alone";
+    for (name, text, lacks) in [
+        ("open", lamp(&|_| {}), true),
+        ("single-sided", lamp(&|file| file["materials"][0]["doubleSided"] = json!(false)), false),
+        ("dark", lamp(&|file| file["materials"][0]["emissiveFactor"] = json!([0.0, 0.0, 0.0])), false),
+        ("closed", lamp(&|file| body(file, true)), false),
+        ("from inside", lamp(&|file| (body(file, true), within(file)).1), true),
+        ("a room", lamp(&|file| (body(file, false), within(file)).1), false),
+        ("a room from outside", lamp(&|file| body(file, false)), true),
+        (
+            "with holes",
+            lamp(&|file| {
+                body(file, true);
+                file["materials"][0]["alphaMode"] = json!("MASK");
+            }),
+            true,
+        ),
+    ] {
+        let strict = load("a.gltf", &text, &[], false);
+        assert_eq!(strict.is_err(), lacks, "{name}");
+        if lacks {
+            assert!(strict.expect_err(name).contains(what), "{name}");
+        }
+        let notes = load("a.gltf", &text, &[], true).expect(name).notes;
+        assert_eq!(notes.iter().any(|note| note.contains(what)), lacks, "{name}: {notes:?}");
+    }
+}
+
+#[test]
+fn holes_are_cut_by_the_alpha_of_vertex_colours_too() {
+    use base64::{Engine as _, engine::general_purpose::STANDARD};
+    let mut png = std::io::Cursor::new(Vec::new());
+    let picture = image::RgbaImage::from_fn(2, 1, |x, _| image::Rgba([255, 255, 255, [255, 178][x as usize]]));
+    picture.write_to(&mut png, image::ImageFormat::Png).expect("in memory");
+    let uri = format!("data:image/png;base64,{}", STANDARD.encode(png.into_inner()));
+    let file = |alphas: [f32; 3], mode: &str, textured: bool| {
+        changed(|file| {
+            let colors: Vec<f32> = alphas.iter().flat_map(|alpha| [1.0, 1.0, 1.0, *alpha]).collect();
+            let uvs = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0];
+            let attributes =
+                [("POSITION", "VEC3", TRIANGLE), ("COLOR_0", "VEC4", &colors), ("TEXCOORD_0", "VEC2", &uvs[..])];
+            with_numbers(file, &attributes);
+            file["meshes"][0]["primitives"][0]["material"] = json!(0);
+            file["materials"] = json!([{ "alphaMode": mode }]);
+            if textured {
+                file["materials"][0]["pbrMetallicRoughness"] = json!({ "baseColorTexture": { "index": 0 } });
+                file["textures"] = json!([{ "source": 0 }]);
+                file["images"] = json!([{ "uri": uri }]);
+            }
+        })
+    };
+    let opacity = |alpha: f32, textured: bool| {
+        let loaded = load("a.gltf", &file([alpha; 3], "MASK", textured), &[], false).expect("exact");
+        match &loaded.scene.materials[0] {
+            Bsdf::Mask { opacity: Texture::Constant { value }, .. } => vec![value[0]],
+            Bsdf::Mask { opacity: Texture::Bitmap { image, .. }, .. } => {
+                Image::from_bytes(&loaded.blobs[image]).expect("an image").data().to_vec()
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    // The cut-off is 0.5, and that of the second texel 0.7.
+    assert_eq!([1.0, 0.6, 0.4].map(|alpha| opacity(alpha, false)), [[1.0], [1.0], [0.0]]);
+    assert_eq!([1.0, 0.6, 0.4].map(|alpha| opacity(alpha, true)), [[1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
+    let varied = file([1.0, 1.0, 0.0], "MASK", true);
+    let what = "alpha of vertex colours is left out where holes are cut";
+    assert!(load("a.gltf", &varied, &[], false).expect_err("nearly").contains(what));
+    assert!(load("a.gltf", &varied, &[], true).expect("allowed").notes.iter().any(|note| note.contains(what)));
+    load("a.gltf", &file([1.0, 1.0, 0.0], "OPAQUE", true), &[], false).expect("nothing is cut");
 }
 
 #[test]

@@ -194,3 +194,48 @@ fn files_of_version_3_are_known_by_more_than_materials() {
         assert!(told.starts_with(place), "{told}");
     }
 }
+
+#[test]
+fn textures_of_numbers_are_the_alpha_of_pictures_that_have_one() {
+    use image::{DynamicImage, ImageFormat, Rgba, RgbaImage};
+    let png = |image: DynamicImage| {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        image.write_to(&mut bytes, ImageFormat::Png).expect("in memory");
+        bytes.into_inner()
+    };
+    let leaf =
+        |alphas: [u8; 2]| DynamicImage::from(RgbaImage::from_fn(2, 1, |x, _| Rgba([255, 128, 64, alphas[x as usize]])));
+    let exr = |alpha: f32| {
+        let image = Image::from_data(1, 1, 4, vec![0.25, 0.5, 0.75, alpha]).expect("fits");
+        tauflow_data::image_io::exr_bytes(&[("", &image)]).expect("in memory")
+    };
+    let read = |name: &str, bytes: Vec<u8>, encoding: &str| -> Vec<f32> {
+        let world = format!(
+            "LightSource \"point\"\nTexture \"a\" \"float\" \"imagemap\" \"string filename\" \"{name}\" \
+             \"string encoding\" \"{encoding}\"\nShape \"bilinearmesh\" \"point3 P\" \
+             [0 0 1 1 0 1 0 1 1 1 1 1] \"texture alpha\" \"a\""
+        );
+        let loaded = load("a.pbrt", &pbrt(CAMERA, &world), &[(name, bytes)], false).expect("supported");
+        let Bsdf::Mask { opacity: Texture::Bitmap { image, .. }, .. } = &loaded.scene.materials[0] else {
+            panic!("a mask")
+        };
+        let image = Image::from_bytes(&loaded.blobs[image]).expect("an image");
+        image.data().chunks_exact(image.channels()).map(|texel| texel[0]).collect()
+    };
+    let near = |found: Vec<f32>, expected: &[f32]| {
+        let same = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-6;
+        assert!(found.len() == expected.len() && found.iter().zip(expected).all(same), "{found:?} for {expected:?}");
+    };
+    near(read("a.png", png(leaf([255, 0])), "linear"), &[1.0, 0.0]);
+    near(read("a.png", png(leaf([255, 51])), "linear"), &[1.0, 0.2]);
+    // pbrt decodes alpha as the colours.
+    near(read("a.png", png(leaf([255, 51])), "sRGB"), &[1.0, 0.033_104_766]);
+    // Without alpha, or if all of it is 1, the mean of the colours; the alpha of greys is left out.
+    let mean = (255.0 + 128.0 + 64.0) / 3.0 / 255.0;
+    near(read("a.png", png(leaf([255, 255])), "linear"), &[mean; 2]);
+    near(read("a.png", png(leaf([9, 9]).to_rgb8().into()), "linear"), &[mean; 2]);
+    let grey = leaf([255, 0]).to_luma_alpha8();
+    near(read("a.png", png(grey.clone().into()), "linear"), &[f32::from(grey.get_pixel(0, 0).0[0]) / 255.0; 2]);
+    near(read("a.exr", exr(0.125), "linear"), &[0.125]);
+    near(read("a.exr", exr(1.0), "linear"), &[0.5]);
+}
