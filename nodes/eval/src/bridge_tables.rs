@@ -4,7 +4,6 @@
 
 use crate::{
     bootstrap::{Resampled, Table},
-    evaluation::bounded,
     groups::Groups,
 };
 use std::{
@@ -15,7 +14,7 @@ use tauflow_contract::KindError;
 use tauflow_data::{
     VarianceTime,
     methods::{BridgeMethod, GAUSSIAN, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization},
-    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence, Moments, MomentsRow},
+    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence, Moments, MomentsRow, bounded},
 };
 
 /// A scene's cases, each with its fraction, by kind of stop, sample count before, and method.

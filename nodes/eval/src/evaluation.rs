@@ -24,13 +24,10 @@ use tauflow_data::{
         axes::{CONDITIONING, PARAMETERIZATION, SPACE},
     },
     records::{
-        Estimate, Evaluation, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus, computed,
+        Estimate, Evaluation, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus, bounded, computed,
         higher_is_better,
     },
 };
-
-/// The maximum of a PSNR in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
-pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
 
 /// The kind `evaluation`.
 pub struct EvaluationKind;
@@ -148,11 +145,6 @@ fn differ_in_metrics(port: All<SceneScores>, source: &Source, hold: &Source) -> 
     lacks(&own, &other)
         .map(|name| told(name, source, hold))
         .or_else(|| lacks(&other, &own).map(|name| told(name, hold, source)))
-}
-
-/// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].
-pub fn bounded(metric: &str, value: f64) -> f64 {
-    if metric.contains("psnr") { value.min(PSNR_CEILING) } else { value }
 }
 
 /// A cell's coordinates, from a text such as `parameterization=mc_noise+conditioning=rgb`.

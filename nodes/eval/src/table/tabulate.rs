@@ -3,13 +3,14 @@
 use super::{AgainstParams, TableParams};
 use crate::{
     bootstrap::{Resampled, Table},
-    evaluation::{bounded, common_metrics, coordinates, stratum},
+    evaluation::{common_metrics, coordinates, stratum},
     groups::Groups,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{ItemKey, KindError};
 use tauflow_data::records::{
-    AxisValue, Metrics, SceneScores, ScoreTable, TableAgainst, TableAxis, TableCell, TableFormats, TableItem, order,
+    AxisValue, Metrics, SceneScores, ScoreTable, TableAgainst, TableAxis, TableCell, TableFormats, TableItem, bounded,
+    order,
 };
 
 /// The axes that every score has, beside those of matrices.
