@@ -2,14 +2,14 @@
 
 use crate::{
     material::Cell,
-    ranking::{extra, ordered, with_baselines},
+    ranking::{extra, names_of, ordered, with_baselines},
 };
 use std::fmt::Write as _;
 pub use tauflow_data::tabular::csv_field as field;
 use tauflow_data::{
     methods::{
         Conditioning, HOLD,
-        axes::{CONDITIONING, PARAMETERIZATION, SPACE},
+        axes::{CONDITIONING, SPACE},
     },
     records::{Estimate, Evaluation, METRICS, computed},
 };
@@ -53,15 +53,10 @@ pub const VERSUS: &str =
 pub fn versus(evaluation: &Evaluation) -> String {
     let mut out = format!("{VERSUS}\n");
     for of in &evaluation.versus {
-        let get = |cell: &Cell, axis: &str| field(cell.get(axis).map_or("", String::as_str));
-        let own = format!(
-            "{},{},{},{}",
-            get(&of.cell, PARAMETERIZATION),
-            get(&of.cell, CONDITIONING),
-            field(&extra(&of.cell)),
-            of.nfe
-        );
-        let theirs = format!("{},{}", field(&of.method), get(&of.baseline, CONDITIONING));
+        let [method, conditioning] = names_of(evaluation, &of.cell).map(field);
+        let own = format!("{method},{conditioning},{},{}", field(&extra(&of.cell)), of.nfe);
+        let theirs = of.baseline.get(CONDITIONING).map_or("", String::as_str);
+        let theirs = [of.method.as_str(), theirs].map(field).join(",");
         for metric in METRICS.iter().filter(|m| of.gain.contains_key(**m)) {
             let better = of.better.get(*metric).map_or_else(String::new, f64::to_string);
             let _ = writeln!(out, "{own},{theirs},{metric},{},{better}", three(of.gain.get(*metric)));

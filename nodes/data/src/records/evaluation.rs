@@ -41,6 +41,13 @@ pub struct Evaluation {
     pub per_scene: Vec<SceneRow>,
 }
 
+impl Evaluation {
+    /// The table of a cell.
+    pub fn table_of(&self, cell: &BTreeMap<String, String>) -> Option<&MethodTable> {
+        self.methods.iter().chain(&self.baselines).find(|table| table.cell == *cell)
+    }
+}
+
 /// A claim, in one group of cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {

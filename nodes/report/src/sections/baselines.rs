@@ -1,15 +1,16 @@
 //! Solvers against methods that are not ours, scene by scene.
 
 use crate::{
+    material::Cell,
     page::Section,
-    ranking::{colour, conditioning_name, digits, extra, method_name, metric_name},
+    ranking::{colour, conditioning_name, digits, extra, method_name, metric_name, names_of},
     sections::method_html,
     svg::{Plot, Scale},
     text::{compact, escape, fixed, interval, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
-    methods::axes::{CONDITIONING, PARAMETERIZATION},
+    methods::axes::CONDITIONING,
     records::{Estimate, Evaluation, METRICS, Versus, higher_is_better},
 };
 
@@ -37,30 +38,30 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     }
     out.push_str("</tr></thead><tbody>");
     for versus in &evaluation.versus {
-        out.push_str(&row(versus, &metrics));
+        out.push_str(&row(evaluation, versus, &metrics));
     }
     out.push_str("</tbody></table></div>");
     Some(Section::new("baselines", "Compared with baselines", out))
 }
 
-/// Differences by solver and number of calls.
-type Lines = BTreeMap<String, Vec<(f64, Estimate)>>;
+/// Differences by number of calls: of each solver, by its method and cell.
+type Lines<'a> = BTreeMap<(&'a str, &'a Cell), Vec<(f64, Estimate)>>;
 
 /// The paired difference to each baseline over the number of calls, a line for each solver; nothing for one number of
 /// calls.
 fn charts(evaluation: &Evaluation) -> String {
     const METRIC: &str = "hdr_psnr";
-    let mut lines: BTreeMap<(&str, String, String), Lines> = BTreeMap::new();
+    let mut lines: BTreeMap<(&str, String, String), Lines<'_>> = BTreeMap::new();
     for versus in &evaluation.versus {
         let Some(gain) = versus.gain.get(METRIC) else { continue };
-        let get = |axis: &str| versus.cell.get(axis).cloned().unwrap_or_default();
-        let panel = [conditioning_name(&get(CONDITIONING)), extra(&versus.cell)];
+        let [method, conditioning] = names_of(evaluation, &versus.cell);
+        let panel = [conditioning_name(conditioning), extra(&versus.cell)];
         let panel = panel.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join(", ");
         let theirs = versus.baseline.get(CONDITIONING).map_or_else(String::new, |c| conditioning_name(c));
         let panels = lines.entry((versus.method.as_str(), theirs, panel)).or_default();
-        panels.entry(get(PARAMETERIZATION)).or_default().push((versus.nfe as f64, *gain));
+        panels.entry((method, &versus.cell)).or_default().push((versus.nfe as f64, *gain));
     }
-    let calls = |of: &Lines| of.values().map(Vec::len).max().unwrap_or(0);
+    let calls = |of: &Lines<'_>| of.values().map(Vec::len).max().unwrap_or(0);
     lines.retain(|_, of| calls(of) > 1);
     if lines.is_empty() {
         return String::new();
@@ -78,7 +79,7 @@ fn charts(evaluation: &Evaluation) -> String {
         plot.title(&format!("{}, {panel} minus {baseline}{theirs}", metric_name(METRIC))).y_axis(6);
         plot.x_axis(calls.iter().map(|nfe| (*nfe, compact(*nfe))), "NFE (log)");
         plot.level(0.0, &format!("{class} dashed")).end_label(0.0, &class, &baseline);
-        for (method, points) in of {
+        for ((method, _), points) in of {
             plot.estimates(points, &colour(method), &method_name(method));
         }
         let description = format!("Paired difference to {baseline}{theirs} against NFE, {panel}");
@@ -87,11 +88,11 @@ fn charts(evaluation: &Evaluation) -> String {
     out + "</div>"
 }
 
-fn row(versus: &Versus, metrics: &[&str]) -> String {
-    let get = |axis: &str| versus.cell.get(axis).cloned().unwrap_or_default();
+fn row(evaluation: &Evaluation, versus: &Versus, metrics: &[&str]) -> String {
+    let [method, conditioning] = names_of(evaluation, &versus.cell);
     let theirs = versus.baseline.get(CONDITIONING).map_or_else(String::new, |c| format!(", {}", conditioning_name(c)));
     let more = extra(&versus.cell);
-    let solver = [method_name(&get(PARAMETERIZATION)), conditioning_name(&get(CONDITIONING)), more];
+    let solver = [method_name(method), conditioning_name(conditioning), more];
     let solver: Vec<String> = solver.into_iter().filter(|t| !t.is_empty()).collect();
     let mut out = format!(
         "<tr><td>{}{}</td><td class=\"left\">{}</td><td>{}</td>",
