@@ -39,7 +39,8 @@ pub fn section(tables: &[(String, ScoreTable)]) -> Option<Section> {
     Some(Section::new("score-tables", "Scores", body))
 }
 
-/// The pictures of methods, and of ladders; none without them.
+/// The pictures of methods, and of ladders. Without them, a link to the viewer if there is one, unless other pictures
+/// of the page lead to it (`linked`).
 ///
 /// # Errors
 /// If a picture cannot be encoded.
@@ -47,6 +48,7 @@ pub fn pictures(
     methods: Option<&Montage>,
     ladders: Option<&Montage>,
     viewer: Option<&Viewer>,
+    linked: bool,
 ) -> Result<Option<Section>, KindError> {
     let mut body = String::new();
     if let Some(methods) = methods {
@@ -65,10 +67,12 @@ pub fn pictures(
             grid(ladders, viewer)?
         );
     }
+    let shown = methods.is_some() || ladders.is_some();
     if viewer.is_some() {
-        let _ = write!(body, "<p><a href=\"{}\">Open the viewer</a> of these scenes.</p>", Viewer::FILE);
+        let scenes = if shown { "these scenes" } else { "the scenes" };
+        let _ = write!(body, "<p><a href=\"{}\">Open the viewer</a> of {scenes}.</p>", Viewer::FILE);
     }
-    Ok(Some(Section::new("pictures", "Pictures", body)).filter(|_| methods.is_some() || ladders.is_some()))
+    Ok(Some(Section::new("pictures", "Pictures", body)).filter(|_| shown || viewer.is_some() && !linked))
 }
 
 /// The abstract: what the table compares, the best cell by the first metric, and the difference to the reference cell.
