@@ -108,7 +108,7 @@ fn claims(columns: &[Column<'_>], setting: &BTreeMap<String, String>, resampled:
         let mut group = setting.clone();
         group.insert("stop".to_owned(), stop.to_owned());
         group.insert("moved_in".to_owned(), BridgeMethod { reference: false, log, rule: HOLD }.space().to_owned());
-        crate::claims::claim(statement, &group, evidence)
+        crate::claims::claim(statement, &group, evidence, resampled)
     };
     let cases = || stops.iter().flat_map(|stop| [(*stop, false), (*stop, true)]);
     let best = cases()

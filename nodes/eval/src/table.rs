@@ -92,7 +92,7 @@ impl Default for TableParams {
 
 const SCORES: All<SceneScores> = All::new("scores", "Scores of images, by cell and item.");
 const TABLE: Out<ScoreTable> =
-    Out::new(Group::main(2), "table", "Means with intervals by axes, and all scores.").single().published();
+    Out::new(Group::main(3), "table", "Means with intervals by axes, and all scores.").single().published();
 
 impl Kind for TableKind {
     type Params = TableParams;

@@ -28,7 +28,7 @@ use tauflow_contract::{
 use tauflow_data::{
     facts::NFE,
     methods::axes::{CONDITIONING, PARAMETERIZATION},
-    records::{Claim, Evaluation, Ladder, MethodTable, TrainingTiming},
+    records::{Evaluation, Ladder, MethodTable, TrainingTiming},
     timing::named,
 };
 
@@ -317,8 +317,7 @@ fn figures(material: &Material) -> Vec<(&'static str, String)> {
             files.push(("versus.csv", csv::versus(evaluation)));
         }
     }
-    let between = material.bridge_tables().into_iter().flat_map(|bridge| &bridge.claims);
-    let claims: Vec<&Claim> = material.evaluation.iter().flat_map(|of| &of.claims).chain(between).collect();
+    let claims = sections::claims::judged(material.evaluation.as_ref(), material.bridge_tables());
     if !claims.is_empty() {
         files.push(("claims.csv", sections::claims::csv(&claims)));
     }

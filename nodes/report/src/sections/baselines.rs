@@ -4,7 +4,7 @@ use crate::{
     material::Cell,
     page::Section,
     ranking::{colour, conditioning_name, digits, extra, method_name, metric_name, names_of},
-    sections::method_html,
+    sections::{method_html, no_intervals, resampled},
     svg::{Plot, Scale},
     text::{compact, escape, fixed, interval, signed},
 };
@@ -22,14 +22,19 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     let mut out = String::new();
     let shown = |m: &&str| !["hdr_psnr_max", "preview_mae"].contains(m) && evaluation.hold.contains_key(*m);
     let metrics: Vec<&str> = METRICS.into_iter().filter(shown).collect();
+    let share = "the share of scenes where the solver is better.";
+    let over = evaluation.groups.map_or_else(|| format!("{} scenes", evaluation.scenes), |of| resampled(Some(of)));
+    let intervals = match evaluation.has_intervals() {
+        true => {
+            format!("95% intervals over {over} and {share} <b>Bold</b> if the whole interval favours the solver.")
+        }
+        false => format!("{share} {}", no_intervals("scene", evaluation.groups)),
+    };
     let _ = write!(
         out,
-        "<p>The solver's score minus the baseline's, paired by scene, with 95% intervals over {} scenes and the share \
-         of scenes where the solver is better. <b>Bold</b> if the whole interval favours the solver. Both start from \
-         {} spp. Methods with RGB see radiance alone, those with G-buffers see albedo and normals, too.</p>\
-         {}<div class=\"scroll\"><table \
-         class=\"wide\"><thead><tr><th>Baseline</th><th class=\"left\">Solver</th><th>NFE</th>",
-        evaluation.scenes,
+        "<p>The solver's score minus the baseline's, paired by scene, with {intervals} Both start from {} spp. Methods \
+         with RGB see radiance alone, those with G-buffers see albedo and normals, too.</p>{}<div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th>Baseline</th><th class=\"left\">Solver</th><th>NFE</th>",
         evaluation.from_spp,
         charts(evaluation)
     );
@@ -80,7 +85,7 @@ fn charts(evaluation: &Evaluation) -> String {
         plot.x_axis(calls.iter().map(|nfe| (*nfe, compact(*nfe))), "NFE (log)");
         plot.level(0.0, &format!("{class} dashed")).end_label(0.0, &class, &baseline);
         for ((method, _), points) in of {
-            plot.estimates(points, &colour(method), &method_name(method));
+            plot.estimates(points, evaluation.has_intervals(), &colour(method), &method_name(method));
         }
         let description = format!("Paired difference to {baseline}{theirs} against NFE, {panel}");
         let _ = write!(out, "<figure>{}</figure>", plot.finish(&description));
@@ -106,16 +111,15 @@ fn row(evaluation: &Evaluation, versus: &Versus, metrics: &[&str]) -> String {
             out.push_str("<td>–</td>");
             continue;
         };
-        let sure = if higher_is_better(metric) { gain.low > 0.0 } else { gain.high < 0.0 };
+        let favours = if higher_is_better(metric) { gain.low > 0.0 } else { gain.high < 0.0 };
         let value = signed(gain.mean, digits(metric));
-        let value = if sure { format!("<b>{value}</b>") } else { value };
-        let share = versus.better.get(*metric).copied().unwrap_or(0.0);
-        let _ = write!(
-            out,
-            "<td>{value}<span class=\"ci\">{}; {}%</span></td>",
-            interval(gain, digits(metric)),
-            fixed(100.0 * share, 0)
-        );
+        let share = fixed(100.0 * versus.better.get(*metric).copied().unwrap_or(0.0), 0);
+        let (value, small) = match evaluation.has_intervals() {
+            true if favours => (format!("<b>{value}</b>"), format!("{}; {share}%", interval(gain, digits(metric)))),
+            true => (value, format!("{}; {share}%", interval(gain, digits(metric)))),
+            false => (value, format!("{share}%")),
+        };
+        let _ = write!(out, "<td>{value}<span class=\"ci\">{small}</span></td>");
     }
     out + "</tr>"
 }

@@ -4,7 +4,7 @@ use crate::{
     material::{Material, References},
     montage::Montage,
     ranking::{Standing, best_at, conditioning_name, method_name, ordered, standings},
-    sections::{montage::linked, resampled},
+    sections::{montage::linked, no_intervals, resampled},
     shelf::Viewer,
     text::{count, escape, fixed, plural, png_uri, signed},
 };
@@ -34,7 +34,9 @@ fn found(evaluation: &Evaluation) -> Option<String> {
     let gain = |of: &Standing<'_>| {
         let gain = of.gain?.get("hdr_psnr")?;
         let [mean, low, high] = [gain.mean, gain.low, gain.high].map(|value| signed(value, 2));
-        Some(format!("<b>{mean} dB</b> HDR PSNR over its input (95% interval {low} to {high})"))
+        let interval = format!(" (95% interval {low} to {high})");
+        let interval = if evaluation.has_intervals() { interval } else { String::new() };
+        Some(format!("<b>{mean} dB</b> HDR PSNR over its input{interval}"))
     };
     let Some(solver) = best_at(evaluation, nfe) else {
         return Some(format!(" The best method, {}, gains {}.", escape(&name(first.table?)), gain(first)?));
@@ -160,9 +162,12 @@ fn reference_note(evaluation: &Evaluation, references: Option<&References>) -> S
         ),
         false => format!("The reference has {} samples per pixel.", count(n)),
     };
+    let intervals = match evaluation.has_intervals() {
+        true => format!("Intervals are 95% bootstrap intervals over {}.", resampled(evaluation.groups)),
+        false => no_intervals("scene", evaluation.groups),
+    };
     format!(
-        "{reference} Intervals are 95% bootstrap intervals over {}.{}",
-        resampled(evaluation.groups),
+        "{reference} {intervals}{}",
         if evaluation.methods.len() > 1 { " The best solver is chosen on the test scenes." } else { "" }
     )
 }
@@ -187,16 +192,16 @@ fn best_cards(out: &mut String, evaluation: &Evaluation, nfe: u64) {
     }
     for (place, (of, what)) in shown.into_iter().enumerate() {
         let (Some(table), Some(gain)) = (of.table, of.gain.and_then(|gain| gain.get("hdr_psnr"))) else { continue };
+        let interval = format!("; 95% interval {} to {}", signed(gain.low, 2), signed(gain.high, 2));
         let text = format!(
-            "gain over the input of the {what}, {}{}; 95% interval {} to {}",
+            "gain over the input of the {what}, {}{}{}",
             escape(&name(table)),
             if solver.is_some_and(|own| std::ptr::eq(own, of)) {
                 format!(", at NFE {}", of.nfe)
             } else {
                 String::new()
             },
-            signed(gain.low, 2),
-            signed(gain.high, 2)
+            if evaluation.has_intervals() { interval } else { String::new() }
         );
         let strong = if place == 0 { " strong" } else { "" };
         card(out, strong, &format!("{} <small>dB</small>", signed(gain.mean, 2)), &text);
