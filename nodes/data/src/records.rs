@@ -33,7 +33,7 @@ pub use asset::*;
 pub use backbone::*;
 pub use bridge::*;
 pub use convergence::*;
-pub use estimate::Estimate;
+pub use estimate::{Estimate, has_intervals};
 pub use evaluation::*;
 pub use gate::*;
 pub use gbuffer::*;

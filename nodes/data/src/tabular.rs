@@ -1,8 +1,19 @@
 //! Fields of tables as text: CSV (RFC 4180) and LaTeX. Knows no table.
 
+use crate::records::Estimate;
+
 /// A CSV field, quoted where it must be.
 pub fn csv_field(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
+/// Three CSV fields: mean, low and high. The last two are empty without an interval, all of them without an estimate.
+pub fn csv_estimate(estimate: Option<&Estimate>, has_interval: bool) -> String {
+    match estimate {
+        None => ",,".to_owned(),
+        Some(of) if has_interval => format!("{},{},{}", of.mean, of.low, of.high),
+        Some(of) => format!("{},,", of.mean),
+    }
 }
 
 /// Text that is safe in LaTeX.
@@ -35,6 +46,13 @@ mod tests {
         assert_eq!(csv_field("a,b"), "\"a,b\"");
         assert_eq!(csv_field("a\"b"), "\"a\"\"b\"");
         assert_eq!(csv_field("plain"), "plain");
+    }
+
+    #[test]
+    fn estimates_have_three_fields_whatever_is_known() {
+        let of = Estimate { mean: 1.5, low: 1.0, high: 2.0 };
+        assert_eq!(csv_estimate(Some(&of), true), "1.5,1,2");
+        assert_eq!((csv_estimate(Some(&of), false), csv_estimate(None, true)), ("1.5,,".into(), ",,".into()));
     }
 
     #[test]

@@ -76,6 +76,7 @@ fn add(sums: &mut [f64], values: &[f64]) {
 pub struct Resampled {
     means: Vec<f64>,
     draws: Vec<f64>,
+    has_intervals: bool,
 }
 
 impl Resampled {
@@ -100,7 +101,7 @@ impl Resampled {
             }
             out.iter_mut().for_each(|sum| *sum /= drawn as f64);
         }
-        Some(Self { means, draws })
+        Some(Self { means, draws, has_intervals: groups.len() > 1 })
     }
 
     /// Figures that are no means, such as distances between sets, with those of every draw, one draw after the other.
@@ -109,7 +110,7 @@ impl Resampled {
     /// If the draws are of another number of figures.
     pub fn of_draws(figures: Vec<f64>, draws: Vec<f64>) -> Self {
         assert!(draws.len().is_multiple_of(figures.len().max(1)), "each draw has as many figures");
-        Self { means: figures, draws }
+        Self { means: figures, draws, has_intervals: true }
     }
 
     /// The mean of each column.
@@ -117,7 +118,12 @@ impl Resampled {
         &self.means
     }
 
-    /// A function of the column means, with its interval.
+    /// Whether draws can differ: those of a single group are all alike.
+    pub fn has_intervals(&self) -> bool {
+        self.has_intervals
+    }
+
+    /// A function of the column means, with its interval; that of a single group begins and ends at the mean.
     pub fn estimate(&self, of: impl Fn(&[f64]) -> f64) -> Estimate {
         let mean = of(&self.means);
         let mut values: Vec<f64> = self.draws.chunks_exact(self.means.len()).map(&of).collect();
@@ -184,6 +190,14 @@ mod tests {
         table.push(None, &[3.0]);
         let e = Resampled::new(&table, 10, 0).expect("a scene").estimate(|m| m[0]);
         assert_eq!((e.mean, e.low, e.high), (3.0, 3.0, 3.0));
+        // A group of several scenes has no interval either.
+        let mut views = Table::new(1);
+        for value in [3.0, 5.0] {
+            views.push(Some("content"), &[value]);
+            table.push(None, &[value]);
+        }
+        let resampled = |table: &Table| Resampled::new(table, 10, 0).expect("scenes");
+        assert!(!resampled(&views).has_intervals() && resampled(&table).has_intervals());
     }
 
     /// Mean and width of the interval of the first column.

@@ -4,7 +4,6 @@
 
 use crate::{
     bootstrap::{Resampled, Table},
-    evaluation::bounded,
     groups::Groups,
 };
 use std::{
@@ -15,7 +14,7 @@ use tauflow_contract::KindError;
 use tauflow_data::{
     VarianceTime,
     methods::{BridgeMethod, GAUSSIAN, GAUSSIAN_TAU, HOLD, LOCAL_DELTA, LOCAL_STEP, Parameterization},
-    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence, Moments, MomentsRow},
+    records::{Bridge, BridgeCase, BridgeRow, BridgeSummary, Claim, Evidence, Moments, MomentsRow, bounded},
 };
 
 /// A scene's cases, each with its fraction, by kind of stop, sample count before, and method.
@@ -109,7 +108,7 @@ fn claims(columns: &[Column<'_>], setting: &BTreeMap<String, String>, resampled:
         let mut group = setting.clone();
         group.insert("stop".to_owned(), stop.to_owned());
         group.insert("moved_in".to_owned(), BridgeMethod { reference: false, log, rule: HOLD }.space().to_owned());
-        crate::claims::claim(statement, &group, evidence)
+        crate::claims::claim(statement, &group, evidence, resampled)
     };
     let cases = || stops.iter().flat_map(|stop| [(*stop, false), (*stop, true)]);
     let best = cases()

@@ -48,7 +48,7 @@ const STEPS: All<BridgeSteps> = All::new("steps", "The output of `bridge_refinem
 const REFERENCES: All<Ladder> =
     All::new("references", "Held-out references of the same scenes, for variances and covariances.").or_none();
 const EXPOSURE: All<Exposure> = All::new("exposure", "The exposure of the same scenes, for references.").or_none();
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const BRIDGE: Out<BridgeFiles> = Out::new(MAIN, "bridge", "Tables, cases and maps.").single().published();
 
 impl Kind for BridgeValidation {

@@ -239,7 +239,8 @@ pub(crate) fn claims(curves: &[Curve<'_>], baselines: &[Curve<'_>], resampled: &
     found.sort_by_key(|claim| order.iter().position(|statement| *statement == claim.statement));
     over_draws(&mut found);
     let judged = |found: Found<'_>| {
-        claim(found.statement, &found.group, Some(found.evidence.into_iter().map(|(of, _)| of).collect()))
+        let evidence = found.evidence.into_iter().map(|(of, _)| of).collect();
+        claim(found.statement, &found.group, Some(evidence), found.resampled)
     };
     found.into_iter().filter_map(judged).collect()
 }
@@ -304,14 +305,17 @@ fn over_draws(found: &mut [Found<'_>]) {
     }
 }
 
-/// A claim with its verdict; none without evidence.
+/// A claim with its verdict; none without evidence. Where the figures have no intervals, it is undecided.
 pub(crate) fn claim(
     statement: &str,
     group: &BTreeMap<String, String>,
     evidence: Option<Vec<Evidence>>,
+    resampled: &Resampled,
 ) -> Option<Claim> {
     let evidence = evidence.filter(|of| !of.is_empty() && of.iter().all(|e| e.difference.mean.is_finite()))?;
-    let verdict = if evidence.iter().all(Evidence::is_above) {
+    let verdict = if !resampled.has_intervals() {
+        ClaimVerdict::Undecided
+    } else if evidence.iter().all(Evidence::is_above) {
         ClaimVerdict::Held
     } else if evidence.iter().any(Evidence::is_below) {
         ClaimVerdict::NotHeld

@@ -24,13 +24,10 @@ use tauflow_data::{
         axes::{CONDITIONING, PARAMETERIZATION, SPACE},
     },
     records::{
-        Estimate, Evaluation, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus, computed,
+        Estimate, Evaluation, MethodTable, Metrics, NfeTable, SceneRow, SceneScores, Score, Versus, bounded, computed,
         higher_is_better,
     },
 };
-
-/// The maximum of a PSNR in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
-pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
 
 /// The kind `evaluation`.
 pub struct EvaluationKind;
@@ -54,7 +51,7 @@ const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, b
 const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints from which all methods start, by scene.");
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
-const MAIN: Group = Group::main(5);
+const MAIN: Group = Group::main(6);
 const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.").single();
 
 impl Kind for EvaluationKind {
@@ -148,11 +145,6 @@ fn differ_in_metrics(port: All<SceneScores>, source: &Source, hold: &Source) -> 
     lacks(&own, &other)
         .map(|name| told(name, source, hold))
         .or_else(|| lacks(&other, &own).map(|name| told(name, hold, source)))
-}
-
-/// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].
-pub fn bounded(metric: &str, value: f64) -> f64 {
-    if metric.contains("psnr") { value.min(PSNR_CEILING) } else { value }
 }
 
 /// A cell's coordinates, from a text such as `parameterization=mc_noise+conditioning=rgb`.

@@ -1,11 +1,10 @@
 //! References that share no sample with what they judge: the errors that they tell, and whether they do share one.
 
-use crate::evaluation::PSNR_CEILING;
 use tauflow_contract::{Context, Handle, ItemKey, KindError};
 use tauflow_data::{
     Image,
     maths::log10,
-    records::{Ladder, deviation_of_both, shares_samples},
+    records::{Ladder, PSNR_CEILING, deviation_of_both, shares_samples},
 };
 
 /// Added to squares of the reference that errors are relative to.

@@ -348,7 +348,7 @@ fn table(
             nearer: resampled.estimate(|m| m[gaussian] - m[frozen]),
         }
     });
-    let claim = adapted.map(|_| verdict(&backbone.name, &gains, &quality.judged_by, &samples.scores)).transpose()?;
+    let claim = adapted.map(|_| verdict(&backbone.name, &gains, &quality.judged_by, samples)).transpose()?;
     Ok(BackboneQuality {
         backbone: backbone.name.clone(),
         family: backbone.family,
@@ -372,7 +372,8 @@ fn energy(backbone: &Backbone<'_>, variant: usize) -> Vec<f64> {
 }
 
 /// Whether a gain counts as physical.
-fn verdict(backbone: &str, gains: &[Gain], judged_by: &str, scores: &[String]) -> Result<Claim, KindError> {
+fn verdict(backbone: &str, gains: &[Gain], judged_by: &str, samples: &Samples) -> Result<Claim, KindError> {
+    let scores = &samples.scores;
     if !scores.iter().any(|score| score == judged_by) {
         return Err(input(format!(
             "`judged_by: {judged_by}` is no score of `{backbone}`, which has {}; name one of them, or connect `scores` \
@@ -387,7 +388,7 @@ fn verdict(backbone: &str, gains: &[Gain], judged_by: &str, scores: &[String]) -
     };
     let evidence: Vec<Evidence> = gains.iter().filter_map(evidence).collect();
     let group = BTreeMap::from([("backbone".to_owned(), backbone.to_owned())]);
-    let mut found = claim("The adapter's gain is physical", &group, Some(evidence))
+    let mut found = claim("The adapter's gain is physical", &group, Some(evidence), &samples.resampled)
         .ok_or_else(|| KindError::Internal(format!("a gain of `{backbone}` that is no finite number")))?;
     let controls = gains.iter().filter(|gain| gain.over.is_control()).count();
     let all = Variant::ALL.iter().filter(|variant| variant.is_control()).count();

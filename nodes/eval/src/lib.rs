@@ -29,7 +29,7 @@ mod time_tables;
 
 pub use bridge_tables::fraction;
 pub use bridge_validation::{BridgeValidation, BridgeValidationParams};
-pub use evaluation::{EvaluationKind, EvaluationParams, PSNR_CEILING, bounded, evaluate};
+pub use evaluation::{EvaluationKind, EvaluationParams, evaluate};
 pub use groups::Groups;
 pub use image_metrics::{ImageMetrics, ImageMetricsParams};
 pub use image_quality::{ImageQualityKind, ImageQualityParams};
@@ -38,6 +38,8 @@ pub use request::OnRequest;
 pub use table::{AgainstParams, Coordinate, TableKind, TableParams, tabulate};
 pub use time_error::TimeErrorKind;
 pub use time_params::TimeErrorParams;
+
+pub use tauflow_data::records::{PSNR_CEILING, bounded};
 
 use tauflow_contract::{KindRow, NodeKind};
 

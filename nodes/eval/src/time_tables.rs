@@ -2,7 +2,7 @@
 
 use crate::{
     bootstrap::{Resampled, Table},
-    evaluation::{PSNR_CEILING, stratum},
+    evaluation::stratum,
     groups::Groups,
     time_course::{Course, decibels},
     time_params::TimeErrorParams,
@@ -14,7 +14,9 @@ use tauflow_contract::KindError;
 use tauflow_data::{
     maths::{exp, log, pow},
     methods::{Conditioning, PATH_TRACER},
-    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering},
+    records::{
+        Estimate, PSNR_CEILING, TimeError, TimeTo, TimedMethod, TimedPoint, TimedScene, TimedSummary, VersusRendering,
+    },
 };
 
 /// Columns of a point in the table that is resampled: logarithms of the speed-up and of the crossover, and three gains.

@@ -237,6 +237,16 @@ fn claims_are_judged_against_the_local_delta_and_against_euler_steps() {
         // Three times the way to the truth is beyond it.
         assert_eq!(claim.verdict, ClaimVerdict::Held, "{claim:?}");
     }
+    // A single scene decides nothing, whatever its differences are.
+    let mut single = Bench::new(CLOCK);
+    let (first, _) = single.steps.iter().next().expect("scenes");
+    let first = first.clone();
+    for of in [&mut single.endpoints, &mut single.steps] {
+        of.items.retain(|key, _| *key == first);
+    }
+    let found = single.bridge();
+    assert!((found.scenes, found.has_intervals()) == (1, false) && found.claims.len() == 4);
+    assert!(found.claims.iter().all(|claim| claim.verdict == ClaimVerdict::Undecided));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use tauflow_contract::{Action, Collection, Context, Handle, ItemKey, Kind, KindE
 use tauflow_data::{
     Stratum,
     methods::{HOLD, OIDN, Parameterization},
-    records::{BASIC, Evaluation, Metrics, SceneGroup, SceneScores, Score, SplitReport},
+    records::{BASIC, ClaimVerdict, Evaluation, Metrics, SceneGroup, SceneScores, Score, SplitReport},
     scene::Side,
 };
 use tauflow_eval::{EvaluationKind, EvaluationParams, PSNR_CEILING, kinds};
@@ -313,6 +313,31 @@ fn views_of_one_content_do_not_make_intervals_narrower() {
     views.split_of(3);
     let refused = views.refusal();
     assert!(refused.contains("`split` does not have the scene"), "{refused}");
+}
+
+#[test]
+fn one_scene_or_one_content_decides_no_claim() {
+    let verdicts = |of: &Evaluation| of.claims.iter().map(|claim| claim.verdict).collect::<Vec<_>>();
+    let many = Bench::new().run(3).expect("sound scores");
+    assert!(many.has_intervals() && verdicts(&many).contains(&ClaimVerdict::Held), "{:?}", many.claims);
+    let first = |views: u64| {
+        let mut bench = Bench::with_views(views);
+        let own: Vec<String> = (0..views).map(|v| view(&scenes()[0].0, v)).collect();
+        for of in [&mut bench.hold, &mut bench.scores] {
+            of.items.retain(|key, _| own.iter().any(|scene| key.as_str().ends_with(scene.as_str())));
+        }
+        bench
+    };
+    let single = first(1).run(3).expect("sound scores");
+    let mut views = first(4);
+    views.split_of(4);
+    let content = views.run(3).expect("sound scores");
+    assert_eq!((single.scenes, content.scenes, content.groups), (1, 4, Some(1)));
+    for of in [&single, &content] {
+        assert!(!of.has_intervals());
+        assert_eq!(verdicts(of), vec![ClaimVerdict::Undecided; many.claims.len()]);
+        assert!(of.claims.iter().all(|claim| claim.evidence.iter().all(|e| e.difference.low == e.difference.high)));
+    }
 }
 
 #[test]

@@ -9,14 +9,18 @@ mod tables_csv;
 mod trajectory;
 mod verdicts;
 
-use crate::{page, sections, shelf::Viewer};
+use crate::{
+    page,
+    sections::{self, claims::Judged},
+    shelf::Viewer,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tauflow_contract::{
     Action, All, Before, Context, FileTree, Files, Group, Kind, KindError, KindSpec, Later, Media, Mode, Out, Outputs,
     ParamProblem, WriteFiles, pretty_json,
 };
-use tauflow_data::records::{Claim, Generated, ImageQuality};
+use tauflow_data::records::{Generated, ImageQuality};
 
 /// The kind `adapter_report`.
 pub struct AdapterReport;
@@ -110,7 +114,9 @@ impl Kind for AdapterReport {
         put("scores.csv", tables_csv::scores(&quality).as_bytes())?;
         put("gains.csv", tables_csv::gains(&quality).as_bytes())?;
         put("energy.csv", tables_csv::energy(&quality).as_bytes())?;
-        let claims: Vec<&Claim> = quality.backbones.iter().filter_map(|backbone| backbone.claim.as_ref()).collect();
+        // A backbone has at least two samples.
+        let judged = |claim| Judged { claim, has_intervals: true };
+        let claims: Vec<Judged<'_>> = quality.backbones.iter().filter_map(|of| of.claim.as_ref().map(judged)).collect();
         if !claims.is_empty() {
             put("claims.csv", sections::claims::csv(&claims).as_bytes())?;
         }

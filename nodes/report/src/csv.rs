@@ -2,20 +2,22 @@
 
 use crate::{
     material::Cell,
-    ranking::{extra, ordered, with_baselines},
+    ranking::{extra, names_of, ordered, with_baselines},
 };
 use std::fmt::Write as _;
 pub use tauflow_data::tabular::csv_field as field;
 use tauflow_data::{
     methods::{
         Conditioning, HOLD,
-        axes::{CONDITIONING, PARAMETERIZATION, SPACE},
+        axes::{CONDITIONING, SPACE},
     },
     records::{Estimate, Evaluation, METRICS, computed},
+    tabular::csv_estimate,
 };
 
-fn three(estimate: Option<&Estimate>) -> String {
-    estimate.map_or_else(|| ",,".into(), |e| format!("{},{},{}", e.mean, e.low, e.high))
+/// Mean, low and high.
+fn three(evaluation: &Evaluation, estimate: Option<&Estimate>) -> String {
+    csv_estimate(estimate, evaluation.has_intervals())
 }
 
 fn names(space: &str, method: &str, conditioning: &str, cell: &Cell) -> String {
@@ -31,13 +33,13 @@ pub fn results(evaluation: &Evaluation) -> String {
     let mut out = format!("{RESULTS}\n");
     let spp = format!("{},{}", evaluation.from_spp, evaluation.reference_spp);
     for metric in METRICS.iter().filter(|m| evaluation.hold.contains_key(**m)) {
-        let _ = writeln!(out, ",{HOLD},,,{spp},0,{metric},{},,,", three(evaluation.hold.get(*metric)));
+        let _ = writeln!(out, ",{HOLD},,,{spp},0,{metric},{},,,", three(evaluation, evaluation.hold.get(*metric)));
     }
     for table in with_baselines(evaluation) {
         let names = names(&table.space, &table.method, &table.conditioning, &table.cell);
         for at in &table.at {
             for metric in METRICS.iter().filter(|m| at.metrics.contains_key(**m)) {
-                let (mean, gain) = (three(at.metrics.get(*metric)), three(at.gain.get(*metric)));
+                let [mean, gain] = [&at.metrics, &at.gain].map(|of| three(evaluation, of.get(*metric)));
                 let _ = writeln!(out, "{names},{spp},{},{metric},{mean},{gain}", at.nfe);
             }
         }
@@ -53,18 +55,13 @@ pub const VERSUS: &str =
 pub fn versus(evaluation: &Evaluation) -> String {
     let mut out = format!("{VERSUS}\n");
     for of in &evaluation.versus {
-        let get = |cell: &Cell, axis: &str| field(cell.get(axis).map_or("", String::as_str));
-        let own = format!(
-            "{},{},{},{}",
-            get(&of.cell, PARAMETERIZATION),
-            get(&of.cell, CONDITIONING),
-            field(&extra(&of.cell)),
-            of.nfe
-        );
-        let theirs = format!("{},{}", field(&of.method), get(&of.baseline, CONDITIONING));
+        let [method, conditioning] = names_of(evaluation, &of.cell).map(field);
+        let own = format!("{method},{conditioning},{},{}", field(&extra(&of.cell)), of.nfe);
+        let theirs = of.baseline.get(CONDITIONING).map_or("", String::as_str);
+        let theirs = [of.method.as_str(), theirs].map(field).join(",");
         for metric in METRICS.iter().filter(|m| of.gain.contains_key(**m)) {
             let better = of.better.get(*metric).map_or_else(String::new, f64::to_string);
-            let _ = writeln!(out, "{own},{theirs},{metric},{},{better}", three(of.gain.get(*metric)));
+            let _ = writeln!(out, "{own},{theirs},{metric},{},{better}", three(evaluation, of.gain.get(*metric)));
         }
     }
     out
@@ -79,8 +76,8 @@ pub fn curves(evaluation: &Evaluation) -> String {
     for table in ordered(evaluation) {
         let names = names(&table.space, &table.method, &table.conditioning, &table.cell);
         for metric in METRICS.iter().filter(|m| table.auc.contains_key(**m)) {
-            let _ =
-                writeln!(out, "{names},{metric},{},{}", three(table.auc.get(*metric)), three(table.tv.get(*metric)));
+            let [auc, tv] = [&table.auc, &table.tv].map(|of| three(evaluation, of.get(*metric)));
+            let _ = writeln!(out, "{names},{metric},{auc},{tv}");
         }
     }
     out

@@ -60,7 +60,7 @@ pub fn montage(
             continue;
         }
         let head = if head.is_empty() { (*scene).to_owned() } else { head };
-        rows.push(MontageRow { scene: (*scene).to_owned(), head, pictures: row.pictures });
+        rows.push(MontageRow { scene: (*scene).to_owned(), head, input: None, pictures: row.pictures });
     }
     let montage = Montage { title: "Pictures".into(), file: FILE.into(), columns, rows, reduced };
     Ok(Some(montage).filter(|montage| !montage.rows.is_empty()))

@@ -154,6 +154,13 @@ pub struct References {
     pub scenes: usize,
 }
 
+impl References {
+    /// Whether the input of so many samples is a rung below the last: held-out references lack it.
+    pub fn has_input(&self, from_spp: u64) -> bool {
+        self.counts.contains(&from_spp) && self.counts.iter().any(|count| *count > from_spp)
+    }
+}
+
 /// The cell that a key such as `parameterization=mc_noise+conditioning=rgb/x` names; empty if it names none.
 pub fn cell_of_key(key: &str) -> Cell {
     let cell = if key.contains('/') { key.rsplit_once('/').map_or("", |(cell, _)| cell) } else { key };

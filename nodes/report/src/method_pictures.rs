@@ -13,7 +13,7 @@ use tauflow_data::{
     Image,
     image::preview,
     maths::log10,
-    records::{PackedScene, Refined},
+    records::{PackedScene, Refined, bounded},
 };
 
 /// Longest side of the pictures that open the page.
@@ -32,13 +32,19 @@ pub struct MethodPictures<'a> {
 
 /// What is known of a scene.
 struct Seen {
-    /// Sample counts of its first and last rung.
-    ends: (u64, u64),
-    input: Image,
-    reference: Image,
+    /// The rung that methods start from; none in references that are held out.
+    input: Option<Rung>,
+    /// The last rung.
+    reference: Rung,
     /// Images of the first and last calls by column, with their names.
     methods: BTreeMap<Column, (String, Image)>,
 }
+
+/// A rung of the references, by its sample count.
+type Rung = (u64, Image);
+
+/// Scores of a scene: of its input if it is there, and of the images by column.
+type Scores = (Option<f64>, BTreeMap<Column, f64>);
 
 impl<'a> MethodPictures<'a> {
     /// The pictures of these inputs.
@@ -51,7 +57,7 @@ impl<'a> MethodPictures<'a> {
         Self { ctx, references, images }
     }
 
-    /// A scene; none without an image of a method, or without two rungs.
+    /// A scene; none without an image of a method.
     fn seen(&self, scene: &str, packed: Handle<'_, PackedScene>) -> Result<Option<Seen>, KindError> {
         self.ctx.check_cancelled()?;
         let Some(images) = self.images.get(scene) else { return Ok(None) };
@@ -64,19 +70,19 @@ impl<'a> MethodPictures<'a> {
                 methods.insert((cell.clone(), said.nfe), (name_of(cell, &said.method), image));
             }
         }
-        let rung = |spp| packed.counts.iter().position(|own| *own == spp).map(|place| packed.states[place].clone());
-        let last = packed.counts.iter().copied().max();
-        let found = from.zip(last).and_then(|(from, last)| Some(((from, last), rung(from)?, rung(last)?)));
-        Ok(found.map(|(ends, input, reference)| Seen { ends, input, reference, methods }))
+        let mut rungs: Vec<Rung> = packed.counts.into_iter().zip(packed.states).collect();
+        rungs.sort_by_key(|(spp, _)| *spp);
+        let Some((from, reference)) = from.zip(rungs.pop()) else { return Ok(None) };
+        Ok(Some(Seen { input: rungs.into_iter().find(|(spp, _)| *spp == from), reference, methods }))
     }
 
     /// The pictures of the first scenes of each stratum, and those of the best method and the next in the scene of the
-    /// median gain. None where no scene has images.
+    /// median gain, or of the median PSNR if a scene lacks its input. None where no scene has images.
     ///
     /// # Errors
     /// If an image is missing from the store or damaged.
     pub fn montages(&self, scenes: usize, pixels: usize) -> Result<(Option<Montage>, Option<Montage>), KindError> {
-        let mut gains: BTreeMap<String, BTreeMap<Column, f64>> = BTreeMap::new();
+        let mut scores: BTreeMap<String, Scores> = BTreeMap::new();
         let chosen: Vec<(String, String)> = choose(self.references, scenes)
             .into_iter()
             .map(|(scene, _, stratum)| (scene, stratum.to_string()))
@@ -84,11 +90,9 @@ impl<'a> MethodPictures<'a> {
         let (mut rows, mut columns) = (Vec::new(), Vec::new());
         for (key, packed) in self.references.iter() {
             let Some(seen) = self.seen(key.as_str(), packed)? else { continue };
-            let input = psnr(&seen.input, &seen.reference);
-            let gain = |(column, (_, image)): (&Column, &(String, Image))| {
-                (column.clone(), psnr(image, &seen.reference) - input)
-            };
-            gains.insert(key.to_string(), seen.methods.iter().map(gain).collect());
+            let score = |image: &Image| bounded("hdr_psnr", psnr(image, &seen.reference.1));
+            let methods = seen.methods.iter().map(|(column, (_, image))| (column.clone(), score(image))).collect();
+            scores.insert(key.to_string(), (seen.input.as_ref().map(|(_, image)| score(image)), methods));
             let Some((_, head)) = chosen.iter().find(|(scene, _)| *scene == key.as_str()) else { continue };
             let all: Vec<&Column> = seen.methods.keys().collect();
             let row = row(&seen, key.as_str(), head.clone(), &all, pixels);
@@ -103,11 +107,13 @@ impl<'a> MethodPictures<'a> {
         rows.sort_by_key(|row: &MontageRow| chosen.iter().position(|(scene, _)| *scene == row.scene));
         let title = "Pictures".to_owned();
         let grid = Montage { title: title.clone(), file: "methods.png".into(), columns, rows, reduced: 1 };
-        let opening = match median(&gains) {
+        let by_gain = scores.values().all(|(input, _)| input.is_some());
+        let opening = match median(&gains(scores, by_gain)) {
             None => None,
             Some((scene, best)) => {
                 let packed = self.references.get(scene).map(|packed| self.seen(scene, packed)).transpose()?.flatten();
                 packed.map(|seen| {
+                    let seen = Seen { input: seen.input.filter(|_| by_gain), ..seen };
                     let best: Vec<&Column> = best.iter().collect();
                     let (columns, row) = row(&seen, scene, String::new(), &best, OPENING);
                     Montage { title, file: String::new(), columns, rows: vec![row], reduced: 1 }
@@ -116,6 +122,15 @@ impl<'a> MethodPictures<'a> {
         };
         Ok((Some(grid).filter(|grid| !grid.rows.is_empty()), opening))
     }
+}
+
+/// Gains over the input by scene and column, or the scores themselves.
+fn gains(scores: BTreeMap<String, Scores>, by_gain: bool) -> BTreeMap<String, BTreeMap<Column, f64>> {
+    let over = |(input, mut methods): Scores| {
+        methods.values_mut().for_each(|score| *score -= input.filter(|_| by_gain).unwrap_or(0.0));
+        methods
+    };
+    scores.into_iter().map(|(scene, of)| (scene, over(of))).collect()
 }
 
 /// The scene of the median gain of the best method, and the two best methods by their mean gains: columns that all
@@ -135,7 +150,7 @@ fn median(gains: &BTreeMap<String, BTreeMap<Column, f64>>) -> Option<(&str, Vec<
     Some((scene, [Some(best), second].into_iter().flatten().cloned().collect()))
 }
 
-/// The heads and the pictures of a scene: input, these methods, reference.
+/// The heads and the pictures of a scene: input if there is one, these methods, reference.
 fn row(
     seen: &Seen,
     scene: &str,
@@ -143,13 +158,17 @@ fn row(
     methods: &[&Column],
     pixels: usize,
 ) -> (Vec<(Option<Cell>, String)>, MontageRow) {
-    let size = seen.reference.width().max(seen.reference.height());
+    let (last, reference) = &seen.reference;
+    let size = reference.width().max(reference.height());
     let reduced = size.div_ceil(pixels.max(1));
     let shown = |image: &Image, psnr, frame| Picture { image: Some(reduce(image, reduced).map(preview)), psnr, frame };
-    let score = |image: &Image| Some(psnr(image, &seen.reference));
-    let (first, last) = seen.ends;
-    let mut heads = vec![(None, format!("Input, {first} spp"))];
-    let mut pictures = vec![shown(&seen.input, score(&seen.input), rung_of(first))];
+    let score = |image: &Image| Some(psnr(image, reference));
+    let input = seen.input.as_ref().and_then(|(_, image)| score(image));
+    let (mut heads, mut pictures) = (Vec::new(), Vec::new());
+    if let Some((first, image)) = &seen.input {
+        heads.push((None, format!("Input, {first} spp")));
+        pictures.push(shown(image, input, rung_of(*first)));
+    }
     for (cell, nfe) in methods.iter().copied() {
         let Some((name, image)) = seen.methods.get(&(cell.clone(), *nfe)) else { continue };
         let several = seen.methods.keys().filter(|(own, _)| own == cell).count() > 1;
@@ -158,8 +177,8 @@ fn row(
         pictures.push(shown(image, score(image), frame_of(name, *nfe)));
     }
     heads.push((None, format!("Reference, {last} spp")));
-    pictures.push(shown(&seen.reference, None, rung_of(last)));
-    (heads, MontageRow { scene: scene.to_owned(), head, pictures })
+    pictures.push(shown(reference, None, rung_of(*last)));
+    (heads, MontageRow { scene: scene.to_owned(), head, input, pictures })
 }
 
 /// HDR PSNR with peak 1 of exposed radiance; NaN where sizes differ.

@@ -24,7 +24,7 @@ pub struct Montage {
     pub title: String,
     /// File name of its PNG.
     pub file: String,
-    /// The columns: the input, each method with its cell, the reference; with their heads.
+    /// The columns: the input if references have it, each method with its cell, the reference; with their heads.
     pub columns: Vec<(Option<Cell>, String)>,
     /// The rows.
     pub rows: Vec<MontageRow>,
@@ -39,6 +39,8 @@ pub struct MontageRow {
     pub scene: String,
     /// The name of the row: its stratum, or a method.
     pub head: String,
+    /// HDR PSNR of the input, if it is known.
+    pub input: Option<f64>,
     /// A picture for each column.
     pub pictures: Vec<Picture>,
 }
@@ -65,6 +67,8 @@ pub struct Choice {
     pub nfe_gbuffer: u64,
     /// Longest side; larger pictures are reduced by an integer factor.
     pub pixels: usize,
+    /// Whether the references have the input as a rung.
+    pub input: bool,
 }
 
 /// The first scenes of each stratum, in order of strata and keys.
@@ -111,8 +115,9 @@ impl<'a> Pictures<'a> {
         Self { ctx, evaluation, images, scenes, chosen: choose(references, choice.scenes), choice }
     }
 
-    /// Input, these methods and reference of one scene. The scene is that of the median gain of the first method over
-    /// its input, of all scenes that it was tested on. None without its image. The methods have one image each.
+    /// Input, if references have it, these methods and reference of one scene. The scene is that of the median gain of
+    /// the first method over its input, of all scenes that it was tested on. None without its image. The methods have
+    /// one image each.
     ///
     /// # Errors
     /// As [`Pictures::by_stratum`].
@@ -211,11 +216,11 @@ impl<'a> Pictures<'a> {
         table.at.iter().find(|at| at.nfe == nfe).or(table.at.first()).map_or(0, |at| at.nfe)
     }
 
-    /// The input, what is between, the reference.
+    /// The input if there is one, what is between, the reference.
     fn columns(&self, between: impl Iterator<Item = (Option<Cell>, String)>) -> Vec<(Option<Cell>, String)> {
-        let input = (None, format!("Input, {} spp", self.evaluation.from_spp));
+        let input = self.choice.input.then(|| (None, format!("Input, {} spp", self.evaluation.from_spp)));
         let reference = (None, format!("Reference, {} spp", self.evaluation.reference_spp));
-        std::iter::once(input).chain(between).chain([reference]).collect()
+        input.into_iter().chain(between).chain([reference]).collect()
     }
 
     /// The image of a cell for a scene and number of calls.
@@ -240,22 +245,24 @@ impl<'a> Pictures<'a> {
         };
         let psnr = score(self.evaluation, scene, &Cell::new(), 0);
         let picture = |spp, psnr| Picture { image: rung(spp), psnr, frame: album::rung_of(spp) };
-        let input = picture(self.evaluation.from_spp, psnr);
-        Ok(Ends { input, reference: picture(self.evaluation.reference_spp, None), reduced })
+        let input = self.choice.input.then(|| picture(self.evaluation.from_spp, psnr));
+        Ok(Ends { input, psnr, reference: picture(self.evaluation.reference_spp, None), reduced })
     }
 }
 
 /// The first and last images of a row.
 struct Ends {
-    input: Picture,
+    input: Option<Picture>,
+    /// HDR PSNR of the input.
+    psnr: Option<f64>,
     reference: Picture,
     reduced: usize,
 }
 
 impl Ends {
     fn row(&self, scene: &str, head: String, between: Vec<Picture>) -> MontageRow {
-        let pictures = [vec![self.input.clone()], between, vec![self.reference.clone()]].concat();
-        MontageRow { scene: scene.to_owned(), head, pictures }
+        let pictures = self.input.iter().cloned().chain(between).chain([self.reference.clone()]).collect();
+        MontageRow { scene: scene.to_owned(), head, input: self.psnr, pictures }
     }
 }
 
@@ -294,6 +301,11 @@ pub fn reduce(image: &Image, factor: usize) -> Image {
 }
 
 impl Montage {
+    /// Whether the first column is the input: it is of no cell.
+    pub fn shows_input(&self) -> bool {
+        self.columns.first().is_some_and(|(cell, _)| cell.is_none())
+    }
+
     /// The montage as one labelled PNG on white.
     ///
     /// # Errors

@@ -140,6 +140,14 @@ pub fn with_baselines(evaluation: &Evaluation) -> Vec<&MethodTable> {
     ordered(evaluation).into_iter().chain(&evaluation.baselines).collect()
 }
 
+/// The method and the conditioning of a cell, by its table: a cell may lack the coordinates that say so.
+pub fn names_of<'a>(evaluation: &'a Evaluation, cell: &'a Cell) -> [&'a str; 2] {
+    let coordinate = |axis: &str| cell.get(axis).map_or("", String::as_str);
+    evaluation
+        .table_of(cell)
+        .map_or_else(|| [PARAMETERIZATION, CONDITIONING].map(coordinate), |table| [&table.method, &table.conditioning])
+}
+
 /// The parameterization of this name: none for what is no solver of ours.
 pub fn solver(method: &str) -> Option<Parameterization> {
     Parameterization::ALL.into_iter().find(|solver| solver.name() == method)

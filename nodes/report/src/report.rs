@@ -28,7 +28,7 @@ use tauflow_contract::{
 use tauflow_data::{
     facts::NFE,
     methods::axes::{CONDITIONING, PARAMETERIZATION},
-    records::{Claim, Evaluation, Ladder, MethodTable, TrainingTiming},
+    records::{Evaluation, Ladder, MethodTable, TrainingTiming},
     timing::named,
 };
 
@@ -81,7 +81,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(23), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(24), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;
@@ -216,7 +216,8 @@ impl Images {
         let (opening, montages, by_calls) = match (&material.evaluation, action.all_if(material::REFERENCES)?) {
             (Some(evaluation), Some(references)) if scenes > 0 => {
                 let refined = action.all_if(material::REFINED)?;
-                let choice = Choice { scenes, nfe, nfe_gbuffer, pixels };
+                let input = material.references.as_ref().is_some_and(|of| of.has_input(evaluation.from_spp));
+                let choice = Choice { scenes, nfe, nfe_gbuffer, pixels, input };
                 let pictures = Pictures::new(ctx, evaluation, references, refined, choice);
                 let first = evaluation.nfe.first().copied().unwrap_or(nfe);
                 let methods = opening_methods(&standings(evaluation, first));
@@ -248,6 +249,12 @@ impl Images {
         let shown = opening.iter().chain(&montages).chain(&by_calls).chain(&methods);
         let viewer = viewer(ctx, action, material, shown, &sheets)?;
         Ok(Self { nfe, nfe_gbuffer, viewer, opening, montages, by_calls, methods, ladders, sheets })
+    }
+
+    /// Whether sections of their own have pictures that are links to the viewer.
+    fn lead_to_viewer(&self) -> bool {
+        let rejected = self.sheets.iter().any(|sheet| sheet.reason.is_some());
+        rejected || self.montages.iter().any(|montage| !montage.rows.is_empty())
     }
 
     /// Every montage.
@@ -310,8 +317,7 @@ fn figures(material: &Material) -> Vec<(&'static str, String)> {
             files.push(("versus.csv", csv::versus(evaluation)));
         }
     }
-    let between = material.bridge_tables().into_iter().flat_map(|bridge| &bridge.claims);
-    let claims: Vec<&Claim> = material.evaluation.iter().flat_map(|of| &of.claims).chain(between).collect();
+    let claims = sections::claims::judged(material.evaluation.as_ref(), material.bridge_tables());
     if !claims.is_empty() {
         files.push(("claims.csv", sections::claims::csv(&claims)));
     }
@@ -352,10 +358,15 @@ fn sections(material: &Material, params: &ReportParams, images: &Images) -> Resu
     let all = [
         evaluation.and_then(|of| sections::standings::section(of, of.nfe.first().copied().unwrap_or(0))),
         sections::score_tables::section(&material.tables),
-        sections::score_tables::pictures(images.methods.as_ref(), images.ladders.as_ref(), images.viewer.as_ref())?
-            .map(|own| {
-                if images.montages.is_empty() { own } else { Section { id: "renders", title: "Renders".into(), ..own } }
-            }),
+        sections::score_tables::pictures(
+            images.methods.as_ref(),
+            images.ladders.as_ref(),
+            images.viewer.as_ref(),
+            images.lead_to_viewer(),
+        )?
+        .map(|own| {
+            if images.montages.is_empty() { own } else { Section { id: "renders", title: "Renders".into(), ..own } }
+        }),
         evaluation.and_then(|of| sections::claims::section(of, material.bridge_tables())),
         evaluation.and_then(sections::tables::section),
         evaluation.and_then(sections::curves::section),

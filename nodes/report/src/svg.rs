@@ -204,11 +204,14 @@ impl Plot {
         self
     }
 
-    /// Means as a line with dots and its name at the right, and their intervals as a band.
-    pub fn estimates(&mut self, points: &[(f64, Estimate)], class: &str, name: &str) -> &mut Self {
-        let band: Vec<(f64, f64, f64)> = points.iter().map(|(x, e)| (*x, e.low, e.high)).collect();
+    /// Means as a line with dots and its name at the right, and their intervals, if they have some, as a band.
+    pub fn estimates(&mut self, points: &[(f64, Estimate)], has_intervals: bool, class: &str, name: &str) -> &mut Self {
+        if has_intervals {
+            let band: Vec<(f64, f64, f64)> = points.iter().map(|(x, e)| (*x, e.low, e.high)).collect();
+            self.band(&band, class);
+        }
         let line: Vec<(f64, f64)> = points.iter().map(|(x, e)| (*x, e.mean)).collect();
-        self.band(&band, class).line(line.clone(), class).dots(line.clone(), 3.4, class);
+        self.line(line.clone(), class).dots(line.clone(), 3.4, class);
         if let Some((_, last)) = line.last() {
             self.end_label(*last, class, name);
         }

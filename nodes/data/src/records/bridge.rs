@@ -1,6 +1,6 @@
 //! The bridge between rungs: the images at its stops, and the tables that `bridge_validation` makes of them.
 
-use super::{Claim, Estimate, Refined, RefinedImages, estimate::infinite};
+use super::{Claim, Estimate, Refined, RefinedImages, estimate::infinite, has_intervals};
 use crate::{
     DataError, SamplerKind,
     time::{INDEPENDENT_EXPONENT, VarianceTime, is_unsaid_exponent, unsaid_exponent},
@@ -33,6 +33,13 @@ pub struct Bridge {
     pub claims: Vec<Claim>,
     /// Every case.
     pub cases: Vec<BridgeCase>,
+}
+
+impl Bridge {
+    /// Whether its means have intervals.
+    pub fn has_intervals(&self) -> bool {
+        has_intervals(self.scenes, self.groups)
+    }
 }
 
 /// Mean over scenes at one stop.

@@ -1,6 +1,6 @@
 //! Means, intervals, curves and claims, as `evaluation` hands them on.
 
-use super::{Estimate, Score};
+use super::{Estimate, Score, has_intervals};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use tauflow_contract::json_media;
@@ -41,6 +41,18 @@ pub struct Evaluation {
     pub per_scene: Vec<SceneRow>,
 }
 
+impl Evaluation {
+    /// Whether its means have intervals.
+    pub fn has_intervals(&self) -> bool {
+        has_intervals(self.scenes, self.groups)
+    }
+
+    /// The table of a cell.
+    pub fn table_of(&self, cell: &BTreeMap<String, String>) -> Option<&MethodTable> {
+        self.methods.iter().chain(&self.baselines).find(|table| table.cell == *cell)
+    }
+}
+
 /// A claim, in one group of cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
@@ -69,12 +81,12 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Whether all its intervals are above 0.
+    /// Whether all its intervals are above 0. Says nothing where there is none over scenes ([`has_intervals`]).
     pub fn is_above(&self) -> bool {
         self.difference.low > 0.0 && self.draws.is_none_or(|draws| draws.low > 0.0)
     }
 
-    /// Whether all its intervals are below 0.
+    /// Whether all its intervals are below 0. Says nothing where there is none over scenes ([`has_intervals`]).
     pub fn is_below(&self) -> bool {
         self.difference.high < 0.0 && self.draws.is_none_or(|draws| draws.high < 0.0)
     }
@@ -88,7 +100,7 @@ pub enum ClaimVerdict {
     Held,
     /// The intervals of a difference are below 0.
     NotHeld,
-    /// Neither.
+    /// Neither, or there are no intervals over scenes.
     Undecided,
 }
 

@@ -59,6 +59,14 @@ pub fn higher_is_better(metric: &str) -> bool {
     !(metric.ends_with("_mae") || metric.ends_with("flip") || metric == "lpips")
 }
 
+/// The maximum of a PSNR in a mean, in dB: 20 log10 2^24, the rounding of an f32 at the peak.
+pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
+
+/// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].
+pub fn bounded(metric: &str, value: f64) -> f64 {
+    if metric.contains("psnr") { value.min(PSNR_CEILING) } else { value }
+}
+
 /// Names of the metrics that at least one of the scores has, in the order of tables; always those of [`BASIC`].
 pub fn computed<'a>(scores: impl IntoIterator<Item = &'a Metrics>) -> Vec<&'static str> {
     let mut has = [false; METRICS.len()];
@@ -141,6 +149,15 @@ mod tests {
         let text = serde_json::to_string(&more).expect("plain data");
         assert_eq!(serde_json::from_str::<Metrics>(&text).expect("own text"), more);
         assert_eq!(computed([&metrics, &more])[BASIC.len()..], ["flip"]);
+    }
+
+    #[test]
+    fn only_psnrs_are_bounded_in_means() {
+        assert!((PSNR_CEILING - 20.0 * 24.0 * 2f64.log10()).abs() < 1e-12);
+        for metric in METRICS {
+            let ceiling = if metric.contains("psnr") { PSNR_CEILING } else { f64::INFINITY };
+            assert_eq!((bounded(metric, f64::INFINITY), bounded(metric, 40.0)), (ceiling, 40.0), "{metric}");
+        }
     }
 
     #[test]

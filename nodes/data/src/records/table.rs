@@ -4,7 +4,7 @@ mod csv;
 mod parquet;
 mod tex;
 
-use super::{Estimate, Metrics};
+use super::{Estimate, Metrics, has_intervals};
 use serde::{Deserialize, Serialize};
 use std::{cmp::Ordering, collections::BTreeMap, fmt};
 use tauflow_contract::{Artifact, Context, KindError, Media, ReadFiles, Stored, WriteFiles, parse_json, pretty_json};
@@ -122,11 +122,21 @@ pub struct TableCell {
     pub at: Vec<AxisValue>,
     /// Number of items that its means are over.
     pub items: u64,
+    /// Whether groups are known and all these items are of one.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub one_group: bool,
     /// Means with their intervals, by metric.
     pub metrics: BTreeMap<String, Estimate>,
     /// Difference to the cell that the table compares with, paired by item; empty without one, and in that cell.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub difference: BTreeMap<String, Estimate>,
+}
+
+impl TableCell {
+    /// Whether its means and differences have intervals.
+    pub fn has_intervals(&self) -> bool {
+        has_intervals(self.items, self.one_group.then_some(1))
+    }
 }
 
 /// One score.
@@ -303,6 +313,7 @@ mod tests {
         let cell = |sampler: &str, spp: i64, mean: f64, gain: Option<f64>| TableCell {
             at: vec![text(sampler), AxisValue::Integer(spp)],
             items: 2,
+            one_group: false,
             metrics: BTreeMap::from([("hdr_psnr".to_owned(), estimate(mean))]),
             difference: gain.map(|gain| ("hdr_psnr".to_owned(), estimate(gain))).into_iter().collect(),
         };

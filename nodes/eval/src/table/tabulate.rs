@@ -3,13 +3,14 @@
 use super::{AgainstParams, TableParams};
 use crate::{
     bootstrap::{Resampled, Table},
-    evaluation::{bounded, common_metrics, coordinates, stratum},
+    evaluation::{common_metrics, coordinates, stratum},
     groups::Groups,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use tauflow_contract::{ItemKey, KindError};
 use tauflow_data::records::{
-    AxisValue, Metrics, SceneScores, ScoreTable, TableAgainst, TableAxis, TableCell, TableFormats, TableItem, order,
+    AxisValue, Metrics, SceneScores, ScoreTable, TableAgainst, TableAxis, TableCell, TableFormats, TableItem, bounded,
+    order,
 };
 
 /// The axes that every score has, beside those of matrices.
@@ -284,6 +285,7 @@ fn estimates(
             table.push(groups.of(item)?, &row);
         }
         let resampled = Resampled::new(&table, resamples as usize, seed).expect("a cell has an item");
+        let one_group = groups.count(cells[own[0]].1.keys().copied())? == Some(1);
         for (place, cell) in own.iter().enumerate() {
             let at = &cells[*cell].0;
             let by_metric = |of: &dyn Fn(&[f64], usize) -> f64| {
@@ -300,6 +302,7 @@ fn estimates(
             out[*cell] = Some(TableCell {
                 at: at.clone(),
                 items: cells[*cell].1.len() as u64,
+                one_group,
                 metrics: by_metric(&|means, i| means[place * count + i]),
                 difference: base.map_or_else(BTreeMap::new, |base| {
                     by_metric(&|means, i| means[place * count + i] - means[base * count + i])

@@ -3,7 +3,10 @@
 use super::*;
 use crate::groups::Groups;
 use tauflow_contract::{ItemKey, Kind};
-use tauflow_data::records::{AxisValue, Metrics, SceneScores, Score, ScoreTable, TableCell};
+use tauflow_data::{
+    records::{AxisValue, Metrics, SceneGroup, SceneScores, Score, ScoreTable, SplitReport, TableCell},
+    scene::Side,
+};
 
 fn metrics(psnr: f64) -> Metrics {
     Metrics {
@@ -79,6 +82,28 @@ fn a_stratum_is_an_axis_where_it_is_asked_for() {
     let table = made(&samplers(), &params);
     assert_eq!(at(&table, &["L0-open", "sobol", "4"]).metrics["hdr_psnr"].mean, 25.0);
     assert_eq!(at(&table, &["L3-enclosed", "sobol", "4"]).items, 1);
+}
+
+#[test]
+fn cells_of_one_item_or_of_one_group_have_no_intervals() {
+    let params = TableParams { rows: vec!["stratum".into(), "sampler".into(), "spp".into()], ..TableParams::default() };
+    let found = |table: &ScoreTable| {
+        ["L0-open", "L3-enclosed"].map(|stratum| at(table, &[stratum, "sobol", "4"]).has_intervals())
+    };
+    assert_eq!(found(&made(&samplers(), &params)), [true, false]);
+    let group = |signature: &str, items: &[&str]| SceneGroup {
+        signature: signature.into(),
+        side: Side::Test,
+        items: items.iter().map(|item| (*item).to_owned()).collect(),
+    };
+    let groups = vec![group("s", &["L0-open-000000", "L0-open-000001"]), group("t", &["L3-enclosed-000000"])];
+    let groups = Groups::of_split(&SplitReport { groups, ..SplitReport::default() });
+    let table = tabulate(&samplers(), &groups, &params, 7).expect("a table");
+    assert_eq!((table.groups, found(&table)), (Some(2), [false, false]));
+    // Two groups together have intervals.
+    let params = TableParams { columns: vec!["spp".into()], ..TableParams::default() };
+    let table = tabulate(&samplers(), &groups, &params, 7).expect("a table");
+    assert!(at(&table, &["sobol", "4"]).has_intervals());
 }
 
 fn refused(scores: &[(ItemKey, SceneScores)], params: &TableParams) -> String {

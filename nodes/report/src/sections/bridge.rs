@@ -3,9 +3,9 @@
 use crate::{
     page::{Section, tabs},
     ranking::{Rank, colour, method_name, rank},
-    sections::method_html,
+    sections::{method_html, no_intervals, signed_print, small_print},
     svg::{Plot, Scale},
-    text::{count, escape, fixed, interval, png_uri, signed},
+    text::{count, escape, fixed, png_uri, signed},
 };
 use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
@@ -37,6 +37,9 @@ pub fn section(files: &BridgeFiles, scenes: usize) -> Section {
          strong baseline.</p>",
         bridge.scenes, bridge.n_max
     );
+    if !bridge.has_intervals() {
+        let _ = write!(out, "<p class=\"note\">{}</p>", no_intervals("scene", bridge.groups));
+    }
     out.push_str("<div class=\"grid2 tables\">");
     for (stop, title) in stops(bridge) {
         let _ = write!(out, "<div><h3>{title}</h3><div class=\"scroll\">{}</div></div>", summary(bridge, stop));
@@ -118,22 +121,16 @@ fn summary(bridge: &Bridge, stop: &str) -> String {
             ("<span class=\"zero\">–</span>".to_owned(), "<span class=\"zero\">–</span>".to_owned())
         } else {
             (
-                format!(
-                    "{}<span class=\"ci\">[{}, {}]</span>",
-                    signed(row.gain.mean, 2),
-                    signed(row.gain.low, 2),
-                    signed(row.gain.high, 2)
-                ),
+                signed(row.gain.mean, 2) + &signed_print(&row.gain, 2, bridge.has_intervals()),
                 format!("{}%", fixed(row.better * 100.0, 0)),
             )
         };
         let _ = write!(
             out,
-            "<tr><td>{}</td><td>{}</td><td>{mean}<span \
-             class=\"ci\">{}</span></td><td>{gain}</td><td>{better}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{mean}{}</td><td>{gain}</td><td>{better}</td></tr>",
             method_html(&row.method),
             count(row.cases),
-            interval(&row.psnr, 2)
+            small_print(&row.psnr, 2, bridge.has_intervals())
         );
     }
     out + "</tbody></table>"
@@ -169,7 +166,7 @@ fn chart(bridge: &Bridge, stop: &str, title: &str, shown: Shown, y: Scale) -> St
     let mut plot = Plot::new([560.0, 290.0], [48.0, 96.0, 34.0, 40.0], Scale::linear(ks.iter().map(|k| *k as f64)), y);
     plot.title(&format!("{what}: {title}")).y_axis(6);
     plot.x_axis(ks.iter().map(|k| (*k as f64, k.to_string())), "k, samples before");
-    for (method, rows) in methods.iter().filter(|(method, _)| *method != HOLD) {
+    for (method, rows) in methods.iter().filter(|(method, _)| *method != HOLD && bridge.has_intervals()) {
         let band: Vec<_> = rows.iter().map(|r| (r.from_spp as f64, figure(r).low, figure(r).high)).collect();
         plot.band(&band, &colour(method));
     }
@@ -209,9 +206,9 @@ fn by_k(bridge: &Bridge, stop: &str, of: &dyn Fn(&BridgeMethod<'_>) -> bool) -> 
             let _ = match rows.get(i) {
                 Some(r) => write!(
                     out,
-                    "<td><span class=\"{class}\">{}</span><span class=\"ci\">{}</span></td>",
+                    "<td><span class=\"{class}\">{}</span>{}</td>",
                     fixed(r.psnr.mean, 2),
-                    interval(&r.psnr, 2)
+                    small_print(&r.psnr, 2, bridge.has_intervals())
                 ),
                 None => write!(out, "<td class=\"zero\">–</td>"),
             };
@@ -250,7 +247,10 @@ fn moments(bridge: &Bridge) -> String {
     stops.dedup();
     let percent = |of: &Estimate| {
         let value = |v: f64| format!("{}%", signed(100.0 * v, 1));
-        format!("{}<span class=\"ci\">[{}, {}]</span>", value(of.mean), value(of.low), value(of.high))
+        match bridge.has_intervals() {
+            true => format!("{}<span class=\"ci\">[{}, {}]</span>", value(of.mean), value(of.low), value(of.high)),
+            false => value(of.mean),
+        }
     };
     for (stop, from, to) in stops {
         let _ = write!(out, "<tr><td>{from} → {to}</td>");

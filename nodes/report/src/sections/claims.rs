@@ -16,12 +16,27 @@ use tauflow_data::{
         axes::{CONDITIONING, PARAMETERIZATION, SPACE},
     },
     records::{Bridge, Claim, ClaimVerdict, Evaluation, Evidence},
+    tabular::csv_estimate,
 };
+
+/// A claim, and whether its differences have intervals over scenes.
+#[derive(Clone, Copy)]
+pub struct Judged<'a> {
+    pub claim: &'a Claim,
+    pub has_intervals: bool,
+}
+
+/// The claims about solvers, and those between rungs.
+pub fn judged<'a>(evaluation: Option<&'a Evaluation>, bridge: Option<&'a Bridge>) -> Vec<Judged<'a>> {
+    let own = evaluation.map(|of| (&of.claims, of.has_intervals()));
+    let between = bridge.map(|of| (&of.claims, of.has_intervals()));
+    let all = own.into_iter().chain(between);
+    all.flat_map(|(claims, has_intervals)| claims.iter().map(move |claim| Judged { claim, has_intervals })).collect()
+}
 
 /// The section; none without a claim that could be judged.
 pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Section> {
-    let claims: Vec<&Claim> =
-        evaluation.claims.iter().chain(bridge.into_iter().flat_map(|bridge| &bridge.claims)).collect();
+    let claims = judged(Some(evaluation), bridge);
     if claims.is_empty() {
         return None;
     }
@@ -31,14 +46,20 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
          intervals of one difference are below 0, and is <b>undecided</b> otherwise, even if all means agree with it. \
          Dots are means, bars are intervals over scenes, and the dashed line is 0; each metric has one scale.</p>",
     );
+    if claims.iter().any(|of| !of.has_intervals) {
+        out.push_str(
+            "<p class=\"note\">Differences of a single scene, or of a single group of scenes of one content, have no \
+             intervals over scenes. Their claims are undecided.</p>",
+        );
+    }
     let mut statements: Vec<&str> = Vec::new();
-    for claim in &claims {
+    for Judged { claim, .. } in &claims {
         if !statements.contains(&claim.statement.as_str()) {
             statements.push(&claim.statement);
         }
     }
     for statement in statements {
-        let own: Vec<&Claim> = claims.iter().copied().filter(|claim| claim.statement == statement).collect();
+        let own: Vec<Judged<'_>> = claims.iter().copied().filter(|of| of.claim.statement == statement).collect();
         let _ = write!(out, "<h3>{}</h3><div class=\"chips\">{}</div>", escape(statement), chips(&own));
         for metric in metrics(&own) {
             out += &forest(&own, metric, axis(&claims, metric));
@@ -48,8 +69,8 @@ pub fn section(evaluation: &Evaluation, bridge: Option<&Bridge>) -> Option<Secti
 }
 
 /// The verdict of each group of cells.
-fn chips(claims: &[&Claim]) -> String {
-    let chip = |claim: &&Claim| {
+fn chips(claims: &[Judged<'_>]) -> String {
+    let chip = |Judged { claim, .. }: &Judged<'_>| {
         let class = match claim.verdict {
             ClaimVerdict::Held => "held",
             ClaimVerdict::NotHeld => "failed",
@@ -63,18 +84,18 @@ fn chips(claims: &[&Claim]) -> String {
 }
 
 /// The metrics of some claims, in order of names.
-fn metrics<'a>(claims: &[&'a Claim]) -> BTreeSet<&'a str> {
-    claims.iter().flat_map(|claim| &claim.evidence).map(|evidence| evidence.metric.as_str()).collect()
+fn metrics<'a>(claims: &[Judged<'a>]) -> BTreeSet<&'a str> {
+    claims.iter().flat_map(|of| &of.claim.evidence).map(|evidence| evidence.metric.as_str()).collect()
 }
 
 /// The scale of a metric's differences, which all claims share. It holds 0.
-fn axis(claims: &[&Claim], metric: &str) -> Scale {
-    let own = claims.iter().flat_map(|claim| &claim.evidence).filter(|evidence| evidence.metric == metric);
+fn axis(claims: &[Judged<'_>], metric: &str) -> Scale {
+    let own = claims.iter().flat_map(|of| &of.claim.evidence).filter(|evidence| evidence.metric == metric);
     Scale::linear(own.flat_map(|of| [of.difference.low, of.difference.high, of.difference.mean]).chain([0.0]))
 }
 
 /// The intervals of one metric, one below the other.
-fn forest(claims: &[&Claim], metric: &str, scale: Scale) -> String {
+fn forest(claims: &[Judged<'_>], metric: &str, scale: Scale) -> String {
     let places = digits(metric);
     let percent = |value: f64| 100.0 * scale.place(value).unwrap_or(0.0);
     let zero = format!("<i class=\"zero\" style=\"left:{:.1}%\"></i>", percent(0.0));
@@ -83,29 +104,31 @@ fn forest(claims: &[&Claim], metric: &str, scale: Scale) -> String {
          <div class=\"span head\"></div>",
         escape(metric_name(metric))
     );
-    for claim in claims {
+    for Judged { claim, has_intervals } in claims {
         for evidence in claim.evidence.iter().filter(|evidence| evidence.metric == metric) {
             let Evidence { what, difference, draws, .. } = evidence;
             let group = group(&claim.group);
             let name = if group.is_empty() { named(what) } else { format!("{group}: {}", named(what)) };
             let over = draws.map_or_else(String::new, |of| format!(" draws {}", interval(&of, places)));
-            let side = if evidence.is_above() {
-                "above"
-            } else if evidence.is_below() {
-                "below"
-            } else {
-                "around"
+            let side = match has_intervals {
+                true if evidence.is_above() => "above",
+                true if evidence.is_below() => "below",
+                _ => "around",
             };
             let [low, mean, high] = [difference.low, difference.mean, difference.high].map(percent);
+            let (small, range) = match has_intervals {
+                true => (
+                    interval(difference, places),
+                    format!("<i class=\"range {side}\" style=\"left:{low:.1}%;width:{:.1}%\"></i>", high - low),
+                ),
+                false => (String::new(), String::new()),
+            };
             let _ = write!(
                 out,
-                "<div class=\"name\">{}</div><div class=\"value\">{} <small>{}{over}</small></div><div \
-                 class=\"span\">{zero}<i class=\"range {side}\" style=\"left:{low:.1}%;width:{:.1}%\"></i>\
-                 <i class=\"mean {side}\" style=\"left:{mean:.1}%\"></i></div>",
+                "<div class=\"name\">{}</div><div class=\"value\">{} <small>{small}{over}</small></div><div \
+                 class=\"span\">{zero}{range}<i class=\"mean {side}\" style=\"left:{mean:.1}%\"></i></div>",
                 escape(&name),
-                signed(difference.mean, places),
-                interval(difference, places),
-                high - low
+                signed(difference.mean, places)
             );
         }
     }
@@ -115,22 +138,20 @@ fn forest(claims: &[&Claim], metric: &str, scale: Scale) -> String {
     out
 }
 
-/// The claims as a table of values, one row for each difference.
-pub fn csv(claims: &[&Claim]) -> String {
+/// The claims as a table of values, one row for each difference. Where there is no interval, its ends are empty.
+pub fn csv(claims: &[Judged<'_>]) -> String {
     let mut out = String::from("claim,cells,verdict,what,metric,difference,low,high,draws_low,draws_high\n");
-    for claim in claims {
+    for Judged { claim, has_intervals } in claims {
         for Evidence { what, metric, difference, draws } in &claim.evidence {
             let words = [&claim.statement, &group(&claim.group)].map(|text| crate::csv::field(text));
             let _ = writeln!(
                 out,
-                "{},{},{},{},{metric},{},{},{},{}",
+                "{},{},{},{},{metric},{},{}",
                 words[0],
                 words[1],
                 verdict(claim.verdict),
                 crate::csv::field(what),
-                difference.mean,
-                difference.low,
-                difference.high,
+                csv_estimate(Some(difference), *has_intervals),
                 draws.map_or_else(|| ",".to_owned(), |of| format!("{},{}", of.low, of.high))
             );
         }

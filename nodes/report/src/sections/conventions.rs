@@ -74,11 +74,14 @@ pub fn section(evaluation: &Evaluation) -> Section {
         ),
         (
             "Interval",
-            format!(
-                "95%, percentile bootstrap over {}, {} resamples; differences to hold are paired by scene",
-                resampled(evaluation.groups),
-                evaluation.resamples
-            ),
+            match evaluation.has_intervals() {
+                true => format!(
+                    "95%, percentile bootstrap over {}, {} resamples; differences to hold are paired by scene",
+                    resampled(evaluation.groups),
+                    evaluation.resamples
+                ),
+                false => "none for a single scene, or a single group of scenes of one content".to_owned(),
+            },
         ),
         (
             "Infinite PSNR",

@@ -3,6 +3,7 @@
 use crate::{
     page::{Section, tabs},
     ranking::{Group, colour, groups, method_name, metric_name},
+    sections::no_intervals,
     svg::{Plot, Scale},
 };
 use tauflow_data::{
@@ -25,12 +26,19 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
     if !others.is_empty() {
         panels.push(("Other metrics".to_owned(), others));
     }
+    let (bands, narrower) = match evaluation.has_intervals() {
+        true => (
+            "Bands are 95% intervals of the mean over scenes. Scenes vary more than methods, so methods with \
+             overlapping bands can still differ significantly when paired by scene."
+                .to_owned(),
+            ", so their bands are narrower, and a band above 0 is a significant gain (below 0 for an error)",
+        ),
+        false => (no_intervals("scene", evaluation.groups), ""),
+    };
     let body = format!(
-        "<p>One trained model is used for every number of network calls (NFE). Bands are 95% intervals of the mean \
-         over scenes. Scenes vary more than methods, so methods with overlapping bands can still differ significantly \
-         when paired by scene. Dashed: hold, the unchanged input, and baselines. Close-ups show means up to {CLOSE} \
-         times the smallest. Paired gains are differences to the input of the same scene, so their bands are \
-         narrower, and a band above 0 is a significant gain (below 0 for an error).</p>{}",
+        "<p>One trained model is used for every number of network calls (NFE). {bands} Dashed: hold, the unchanged \
+         input, and baselines. Close-ups show means up to {CLOSE} times the smallest. Paired gains are differences to \
+         the input of the same scene{narrower}.</p>{}",
         tabs("curves", &panels)
     );
     Some(Section::new("curves", "Quality against network calls", body))
@@ -59,7 +67,7 @@ fn gain_row(evaluation: &Evaluation, metric: &str) -> String {
             }
         }
         for table in &tables {
-            plot.estimates(&of(table), &colour(&table.method), &method_name(&table.method));
+            plot.estimates(&of(table), evaluation.has_intervals(), &colour(&table.method), &method_name(&table.method));
         }
         let description = format!("{}, paired gain against NFE, {title}", metric_name(metric));
         out.push_str(&format!("<figure>{}</figure>", plot.finish(&description)));
@@ -150,7 +158,7 @@ fn row(evaluation: &Evaluation, metric: &str) -> String {
         for table in &tables {
             let points: Vec<(f64, Estimate)> =
                 table.at.iter().filter_map(|at| Some((at.nfe as f64, *at.metrics.get(metric)?))).collect();
-            plot.estimates(&points, &colour(&table.method), &method_name(&table.method));
+            plot.estimates(&points, evaluation.has_intervals(), &colour(&table.method), &method_name(&table.method));
         }
         let description = format!("{} against NFE, {title}; the values are in the table above", metric_name(metric));
         out.push_str(&format!("<figure>{}</figure>", plot.finish(&description)));

@@ -1,10 +1,10 @@
 //! The head of the page: what was built, and the figures to remember.
 
 use crate::{
-    material::Material,
+    material::{Material, References},
     montage::Montage,
     ranking::{Standing, best_at, conditioning_name, method_name, ordered, standings},
-    sections::{montage::linked, resampled},
+    sections::{montage::linked, no_intervals, resampled},
     shelf::Viewer,
     text::{count, escape, fixed, plural, png_uri, signed},
 };
@@ -34,7 +34,9 @@ fn found(evaluation: &Evaluation) -> Option<String> {
     let gain = |of: &Standing<'_>| {
         let gain = of.gain?.get("hdr_psnr")?;
         let [mean, low, high] = [gain.mean, gain.low, gain.high].map(|value| signed(value, 2));
-        Some(format!("<b>{mean} dB</b> HDR PSNR over its input (95% interval {low} to {high})"))
+        let interval = format!(" (95% interval {low} to {high})");
+        let interval = if evaluation.has_intervals() { interval } else { String::new() };
+        Some(format!("<b>{mean} dB</b> HDR PSNR over its input{interval}"))
     };
     let Some(solver) = best_at(evaluation, nfe) else {
         return Some(format!(" The best method, {}, gains {}.", escape(&name(first.table?)), gain(first)?));
@@ -62,7 +64,7 @@ pub fn block(evaluation: &Evaluation, material: &Material) -> String {
     best_cards(&mut out, evaluation, evaluation.nfe.first().copied().unwrap_or(0));
     data_cards(&mut out, evaluation, material);
     out.push_str("</div>");
-    let _ = write!(out, "<p class=\"note\">{}</p>", reference_note(evaluation));
+    let _ = write!(out, "<p class=\"note\">{}</p>", reference_note(evaluation, material.references.as_ref()));
     out
 }
 
@@ -73,11 +75,14 @@ pub fn block(evaluation: &Evaluation, material: &Material) -> String {
 pub fn hero(opening: &Montage, viewer: Option<&Viewer>) -> Result<String, KindError> {
     let Some(row) = opening.rows.first() else { return Ok(String::new()) };
     let mut out = String::from("<figure class=\"hero\"><div>");
-    let input = row.pictures.first().and_then(|picture| picture.psnr);
+    let shows_input = opening.shows_input();
     for (at, (picture, (_, head))) in row.pictures.iter().zip(&opening.columns).enumerate() {
         let Some(image) = &picture.image else { continue };
-        let gain = picture.psnr.zip(input).filter(|_| at > 0).map(|(score, input)| score - input);
-        let score = gain.map_or_else(String::new, |gain| format!(" · {} dB", signed(gain, 2)));
+        let score = picture.psnr.filter(|_| at > 0 || !shows_input).map(|score| match row.input {
+            Some(input) => signed(score - input, 2),
+            None => fixed(score, 2),
+        });
+        let score = score.map_or_else(String::new, |score| format!(" · {score} dB"));
         let shown = format!(r#"<img alt="{}" src="{}">"#, escape(head), png_uri(&encode_png(image)?));
         let shown = linked(&shown, viewer, &row.scene, &picture.frame);
         let _ = write!(out, "<div>{shown}<span><b>{}</b>{score}</span></div>", escape(head));
@@ -88,10 +93,14 @@ pub fn hero(opening: &Montage, viewer: Option<&Viewer>) -> Result<String, KindEr
              scene is a link to it."
         )
     });
+    let told = match (row.input, shows_input) {
+        (Some(_), false) => "gain. Captions: gain in HDR PSNR over the input",
+        (None, false) => "HDR PSNR of the best method. Captions: HDR PSNR",
+        (_, true) => "gain. Captions: gain in HDR PSNR over the first picture",
+    };
     let _ = write!(
         out,
-        "</div><figcaption>{}: the test scene with the median gain. Captions: gain in HDR PSNR over the first picture.\
-         {}</figcaption></figure>",
+        "</div><figcaption>{}: the test scene with the median {told}.{}</figcaption></figure>",
         escape(&row.scene),
         open.unwrap_or_default()
     );
@@ -117,14 +126,16 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
     });
     if let Some(references) = &material.references {
         let (first, last) = (references.counts.first().copied(), references.counts.last().copied());
-        parts.push(format!(
-            "ladders of <b>{} rungs</b> from {} to {} samples per pixel at {} × {}",
-            references.counts.len(),
-            count(first.unwrap_or(0)),
-            count(last.unwrap_or(0)),
-            references.width,
-            references.height
-        ));
+        let what = match references.has_input(evaluation.from_spp) {
+            true => format!(
+                "ladders of <b>{} rungs</b> from {} to {}",
+                references.counts.len(),
+                count(first.unwrap_or(0)),
+                count(last.unwrap_or(0))
+            ),
+            false => format!("references of {}", count(evaluation.reference_spp)),
+        };
+        parts.push(format!("{what} samples per pixel at {} × {}", references.width, references.height));
     }
     let compared = [(evaluation.methods.len(), "solver"), (evaluation.baselines.len(), "baseline")];
     let compared = compared.into_iter().filter(|(n, _)| *n > 0).map(|(n, what)| plural(n as u64, what));
@@ -140,14 +151,23 @@ fn built(evaluation: &Evaluation, material: &Material) -> String {
     text + "."
 }
 
-/// Notes on the references.
-pub fn reference_note(evaluation: &Evaluation) -> String {
+/// Notes on the references, and on intervals. References that the input is no rung of are held out.
+fn reference_note(evaluation: &Evaluation, references: Option<&References>) -> String {
     let n = evaluation.reference_spp;
+    let reference = match references.is_some_and(|of| of.has_input(evaluation.from_spp)) {
+        true => format!(
+            "The reference is I<sub>{n}</sub>, the ladder's last rung. It contains the samples of every other rung, so \
+             the squared error of I<sub>k</sub> is σ²(1/k − 1/{n}) instead of σ²/k. The variance of I<sub>{n}</sub> \
+             itself is σ²/{n}."
+        ),
+        false => format!("The reference has {} samples per pixel.", count(n)),
+    };
+    let intervals = match evaluation.has_intervals() {
+        true => format!("Intervals are 95% bootstrap intervals over {}.", resampled(evaluation.groups)),
+        false => no_intervals("scene", evaluation.groups),
+    };
     format!(
-        "The reference is I<sub>{n}</sub>, the ladder's last rung. It contains the samples of every other rung, so \
-         the squared error of I<sub>k</sub> is σ²(1/k − 1/{n}) instead of σ²/k. The variance of I<sub>{n}</sub> \
-         itself is σ²/{n}. Intervals are 95% bootstrap intervals over {}.{}",
-        resampled(evaluation.groups),
+        "{reference} {intervals}{}",
         if evaluation.methods.len() > 1 { " The best solver is chosen on the test scenes." } else { "" }
     )
 }
@@ -172,16 +192,16 @@ fn best_cards(out: &mut String, evaluation: &Evaluation, nfe: u64) {
     }
     for (place, (of, what)) in shown.into_iter().enumerate() {
         let (Some(table), Some(gain)) = (of.table, of.gain.and_then(|gain| gain.get("hdr_psnr"))) else { continue };
+        let interval = format!("; 95% interval {} to {}", signed(gain.low, 2), signed(gain.high, 2));
         let text = format!(
-            "gain over the input of the {what}, {}{}; 95% interval {} to {}",
+            "gain over the input of the {what}, {}{}{}",
             escape(&name(table)),
             if solver.is_some_and(|own| std::ptr::eq(own, of)) {
                 format!(", at NFE {}", of.nfe)
             } else {
                 String::new()
             },
-            signed(gain.low, 2),
-            signed(gain.high, 2)
+            if evaluation.has_intervals() { interval } else { String::new() }
         );
         let strong = if place == 0 { " strong" } else { "" };
         card(out, strong, &format!("{} <small>dB</small>", signed(gain.mean, 2)), &text);

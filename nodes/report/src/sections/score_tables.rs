@@ -4,7 +4,7 @@ use crate::{
     montage::Montage,
     page::{Section, tabs},
     ranking::{Rank, colour, digits, metric_name, rank},
-    sections::{montage::grid, resampled},
+    sections::{montage::grid, no_intervals, resampled, signed_print, tables::figure_html},
     shelf::Viewer,
     svg::{Plot, Scale},
     text::{count, escape, fixed, interval, plural, signed},
@@ -39,7 +39,8 @@ pub fn section(tables: &[(String, ScoreTable)]) -> Option<Section> {
     Some(Section::new("score-tables", "Scores", body))
 }
 
-/// The pictures of methods, and of ladders; none without them.
+/// The pictures of methods, and of ladders. Without them, a link to the viewer if there is one, unless other pictures
+/// of the page lead to it (`linked`).
 ///
 /// # Errors
 /// If a picture cannot be encoded.
@@ -47,6 +48,7 @@ pub fn pictures(
     methods: Option<&Montage>,
     ladders: Option<&Montage>,
     viewer: Option<&Viewer>,
+    linked: bool,
 ) -> Result<Option<Section>, KindError> {
     let mut body = String::new();
     if let Some(methods) = methods {
@@ -65,10 +67,12 @@ pub fn pictures(
             grid(ladders, viewer)?
         );
     }
+    let shown = methods.is_some() || ladders.is_some();
     if viewer.is_some() {
-        let _ = write!(body, "<p><a href=\"{}\">Open the viewer</a> of these scenes.</p>", Viewer::FILE);
+        let scenes = if shown { "these scenes" } else { "the scenes" };
+        let _ = write!(body, "<p><a href=\"{}\">Open the viewer</a> of {scenes}.</p>", Viewer::FILE);
     }
-    Ok(Some(Section::new("pictures", "Pictures", body)).filter(|_| methods.is_some() || ladders.is_some()))
+    Ok(Some(Section::new("pictures", "Pictures", body)).filter(|_| shown || viewer.is_some() && !linked))
 }
 
 /// The abstract: what the table compares, the best cell by the first metric, and the difference to the reference cell.
@@ -79,23 +83,27 @@ pub fn opening(table: &ScoreTable) -> String {
     let better = |a: f64, b: f64| if higher_is_better(metric) { b > a } else { b < a };
     let best = means.reduce(|a, b| if better(a.1.mean, b.1.mean) { b } else { a });
     let Some((cell, mean)) = best else { return String::new() };
+    let range = |of: &Estimate| match cell.has_intervals() {
+        true => format!(" {}", interval(of, digits)),
+        false => String::new(),
+    };
     let mut out = format!(
-        "<p class=\"lead\">{} Best {}: <b>{}</b> {} at {}, mean over {}.",
+        "<p class=\"lead\">{} Best {}: <b>{}</b>{} at {}, mean over {}.",
         compared(table),
         escape(metric_name(metric)),
         fixed(mean.mean, digits),
-        interval(mean, digits),
+        range(mean),
         place(table, &cell.at),
         plural(cell.items, "item")
     );
     if let (Some(against), Some(gain)) = (&table.against, cell.difference.get(metric)) {
         let _ = write!(
             out,
-            " The paired difference to {} {} is <b>{}</b> {}.",
+            " The paired difference to {} {} is <b>{}</b>{}.",
             escape(&against.axis),
             escape(&against.value.to_string()),
             signed(gain.mean, digits),
-            interval(gain, digits)
+            range(gain)
         );
     }
     out + "</p>"
@@ -127,12 +135,21 @@ fn place(table: &ScoreTable, at: &[AxisValue]) -> String {
 fn about(table: &ScoreTable) -> String {
     let reference =
         table.reference_spp.map_or_else(String::new, |spp| format!(" against references of {spp} samples per pixel"));
+    let single = table.cells.iter().filter(|cell| !cell.has_intervals()).count();
+    let intervals = if single > 0 && single == table.cells.len() {
+        no_intervals("item", table.groups)
+    } else {
+        format!(
+            "Small print: 95% bootstrap interval over {} ({} resamples){}.",
+            table.groups.map_or_else(|| "items".to_owned(), |groups| resampled(Some(groups))),
+            table.resamples,
+            if single > 0 { "; omitted for means over one of them" } else { "" }
+        )
+    };
     format!(
-        "Mean over {}{reference}. Best of a column in <b>bold</b>, second <u>underlined</u>, after rounding. Small \
-         print: 95% bootstrap interval over {} ({} resamples).",
-        plural(table.items, "item"),
-        table.groups.map_or_else(|| "items".to_owned(), |groups| resampled(Some(groups))),
-        table.resamples
+        "Mean over {}{reference}. Best of a column in <b>bold</b>, second <u>underlined</u>, after rounding. \
+         {intervals}",
+        plural(table.items, "item")
     )
 }
 
@@ -171,13 +188,13 @@ fn at(row: &[AxisValue], column: &[AxisValue]) -> Vec<AxisValue> {
 fn figures(table: &ScoreTable, metric: &str) -> String {
     let (rows, columns) = (table.row_heads(), table.column_heads());
     let digits = digits(metric);
-    let estimate = |row: &[AxisValue], column: &[AxisValue]| -> Option<Estimate> {
-        table.cell(&at(row, column)).and_then(|cell| cell.metrics.get(metric)).copied()
+    let estimate = |row: &[AxisValue], column: &[AxisValue]| -> Option<(Estimate, bool)> {
+        table.cell(&at(row, column)).and_then(|cell| Some((*cell.metrics.get(metric)?, cell.has_intervals())))
     };
     let ranks: Vec<Vec<Rank>> = columns
         .iter()
         .map(|column| {
-            let means: Vec<Option<f64>> = rows.iter().map(|row| estimate(row, column).map(|e| e.mean)).collect();
+            let means: Vec<Option<f64>> = rows.iter().map(|row| estimate(row, column).map(|(e, _)| e.mean)).collect();
             rank(&means, higher_is_better(metric), digits)
         })
         .collect();
@@ -189,8 +206,8 @@ fn figures(table: &ScoreTable, metric: &str) -> String {
         let _ = write!(out, "<tr>{}", row_head(row, r.checked_sub(1).map(|before| &rows[before])));
         for (c, column) in columns.iter().enumerate() {
             let _ = match estimate(row, column) {
-                Some(estimate) => {
-                    write!(out, "<td>{}</td>", crate::sections::tables::figure_html(&estimate, ranks[c][r], digits))
+                Some((estimate, has_interval)) => {
+                    write!(out, "<td>{}</td>", figure_html(&estimate, ranks[c][r], digits, has_interval))
                 }
                 None => write!(out, r#"<td><span class="zero">–</span></td>"#),
             };
@@ -215,14 +232,12 @@ fn differences(table: &ScoreTable, metric: &str) -> Option<String> {
     for (r, row) in rows.iter().enumerate() {
         let _ = write!(out, "<tr>{}", row_head(row, r.checked_sub(1).map(|before| &rows[before])));
         for column in &columns {
-            let _ = match table.cell(&at(row, column)).and_then(|cell| cell.difference.get(metric)) {
-                Some(e) => write!(
-                    out,
-                    r#"<td>{}<span class="ci">[{}, {}]</span></td>"#,
-                    signed(e.mean, digits),
-                    signed(e.low, digits),
-                    signed(e.high, digits)
-                ),
+            let cell = table.cell(&at(row, column));
+            let _ = match cell.and_then(|cell| Some((cell, cell.difference.get(metric)?))) {
+                Some((cell, e)) => {
+                    let range = signed_print(e, digits, cell.has_intervals());
+                    write!(out, "<td>{}{range}</td>", signed(e.mean, digits))
+                }
                 None => write!(out, r#"<td class="zero">–</td>"#),
             };
         }
@@ -286,12 +301,11 @@ fn plot(
     );
     for row in &rows {
         let names: Vec<String> = row.iter().map(ToString::to_string).filter(|text| !text.is_empty()).collect();
-        let points: Vec<(f64, Estimate)> = axis
-            .values
-            .iter()
-            .filter_map(|value| Some((value.number()?, of(table.cell(&at(row, std::slice::from_ref(value)))?)?)))
-            .collect();
-        plot.estimates(&points, &colour(&names.join("_")), &names.join(", "));
+        let cell = |value: &AxisValue| table.cell(&at(row, std::slice::from_ref(value)));
+        let points: Vec<(f64, Estimate)> =
+            axis.values.iter().filter_map(|value| Some((value.number()?, of(cell(value)?)?))).collect();
+        let has_intervals = axis.values.iter().filter_map(cell).all(TableCell::has_intervals);
+        plot.estimates(&points, has_intervals, &colour(&names.join("_")), &names.join(", "));
     }
     Some(plot)
 }
@@ -335,6 +349,27 @@ mod tests {
         let opening = opening(&table());
         assert!(opening.contains("<b>28.50</b> [27.50, 29.50] at sampler sobol, spp 16"), "{opening}");
         assert!(opening.contains("to sampler independent is <b>+2.50</b> [1.50, 3.50]"), "{opening}");
+    }
+
+    #[test]
+    fn a_table_over_one_item_has_means_without_intervals() {
+        let mut table = table();
+        table.items = 1;
+        table.cells.iter_mut().for_each(|cell| cell.items = 1);
+        let tables = [("table".into(), table)];
+        let body = section(&tables).expect("a table").body;
+        assert!(body.contains("28.50") && body.contains("+2.50") && body.contains("class=\"best\""), "{body}");
+        assert!(body.contains("Intervals are omitted, because there is only one item."), "{body}");
+        assert!(!body.contains("class=\"ci\"") && !body.contains("class=\"band") && !body.contains("95%"), "{body}");
+        let opening = opening(&tables[0].1);
+        assert!(opening.contains("<b>28.50</b> at sampler sobol, spp 16, mean over 1 item."), "{opening}");
+        assert!(opening.contains("to sampler independent is <b>+2.50</b>."), "{opening}");
+        // One row of one item, such as a stratum, leaves those of others as they are.
+        let [(_, mut table)] = tables;
+        table.cells[..2].iter_mut().for_each(|cell| cell.items = 3);
+        let body = section(&[("table".into(), table)]).expect("a table").body;
+        assert!(body.contains("(100 resamples); omitted for means over one of them."), "{body}");
+        assert_eq!(body.matches("class=\"ci\"").count(), 2, "{body}");
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use crate::{
     page::Section,
     ranking::{conditioning_name, digits, extra, metric_name, standings},
-    sections::{method_html, resampled},
+    sections::{method_html, no_intervals, resampled},
     text::{escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
 use tauflow_data::{
     methods::HOLD,
-    records::{BASIC, Evaluation, METRICS},
+    records::{BASIC, Estimate, Evaluation, METRICS},
 };
 
 /// Metrics that follow the one that ranks: these two, and those that were computed on request.
@@ -29,14 +29,16 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
         (_, true) => format!("Solvers at NFE {nfe}"),
         _ => format!("Solvers at NFE {nfe}, baselines"),
     };
+    let intervals = match evaluation.has_intervals() {
+        true => format!("Small print: 95% bootstrap intervals over {}.", resampled(evaluation.groups)),
+        false => no_intervals("scene", evaluation.groups),
+    };
     let mut out = format!(
-        "<p>{compared} and the input itself, by mean HDR PSNR over {} test scenes, from {} spp. \
-         Small print: 95% bootstrap intervals over {}.</p><div class=\"scroll\"><table \
-         class=\"wide\"><thead><tr><th></th><th class=\"left\">Method</th><th class=\"left\">Reads</th><th>{}</th>\
-         <th>Gain</th>",
+        "<p>{compared} and the input itself, by mean HDR PSNR over {} test scenes, from {} spp. {intervals}</p><div \
+         class=\"scroll\"><table class=\"wide\"><thead><tr><th></th><th class=\"left\">Method</th><th \
+         class=\"left\">Reads</th><th>{}</th><th>Gain</th>",
         evaluation.scenes,
         evaluation.from_spp,
-        resampled(evaluation.groups),
         metric_name("hdr_psnr")
     );
     let more = more(evaluation);
@@ -63,10 +65,11 @@ pub fn section(evaluation: &Evaluation, nfe: u64) -> Option<Section> {
             Some(value) => format!("<td>{value}<span class=\"ci\">{}</span></td>", range.unwrap_or_default()),
             None => "<td><span class=\"zero\">–</span></td>".to_owned(),
         };
+        let range = |of: &Estimate| evaluation.has_intervals().then(|| interval(of, 2));
         let psnr = of.metrics.get("hdr_psnr");
-        out += &cell(psnr.map(|psnr| fixed(psnr.mean, 2)), psnr.map(|psnr| interval(psnr, 2)));
+        out += &cell(psnr.map(|psnr| fixed(psnr.mean, 2)), psnr.and_then(range));
         let gain = of.gain.and_then(|gain| gain.get("hdr_psnr"));
-        out += &cell(gain.map(|gain| signed(gain.mean, 2)), gain.map(|gain| interval(gain, 2)));
+        out += &cell(gain.map(|gain| signed(gain.mean, 2)), gain.and_then(range));
         for metric in &more {
             out += &cell(of.metrics.get(*metric).map(|value| fixed(value.mean, digits(metric))), None);
         }

@@ -10,7 +10,7 @@ use std::{collections::BTreeMap, fmt::Write as _};
 use tauflow_data::{
     StratumName,
     methods::HOLD,
-    records::{BASIC, Evaluation, METRICS, MethodTable, higher_is_better},
+    records::{BASIC, Evaluation, METRICS, MethodTable, bounded, higher_is_better},
 };
 
 /// The metric of gains, and the first of the values.
@@ -146,13 +146,13 @@ fn values(evaluation: &Evaluation, columns: &[Column<'_>], nfe: u64, metric: &st
     out + "</tr></tbody></table></div>"
 }
 
-/// Mean of a metric of the input by stratum, from the scores of each scene.
+/// Mean of a metric of the input by stratum, from the scores of each scene as they enter all means.
 pub fn hold_by_stratum(evaluation: &Evaluation, metric: &str) -> BTreeMap<String, f64> {
     let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
     for row in evaluation.per_scene.iter().filter(|r| r.score.method == HOLD) {
         let Some(value) = row.score.metrics.get(metric) else { continue };
         let sum = sums.entry(row.stratum.clone()).or_default();
-        *sum = (sum.0 + value, sum.1 + 1.0);
+        *sum = (sum.0 + bounded(metric, value), sum.1 + 1.0);
     }
     sums.into_iter().map(|(s, (sum, n))| (s, sum / n)).collect()
 }

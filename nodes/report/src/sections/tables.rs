@@ -3,8 +3,8 @@
 use crate::{
     page::{Section, tabs},
     ranking::{Rank, Row, conditioning_name, digits, extra, metric_name, ranks, rows},
-    sections::{method_html, resampled},
-    text::{escape, fixed, interval, signed},
+    sections::{method_html, no_intervals, resampled, signed_print, small_print},
+    text::{escape, fixed, signed},
 };
 use std::fmt::Write as _;
 use tauflow_data::{
@@ -24,15 +24,21 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
             panels.push(("Gain over hold (dB)".to_owned(), gains(evaluation, metric)));
         }
     }
+    let intervals = match evaluation.has_intervals() {
+        true => format!(
+            "Small print: 95% bootstrap interval over {} ({} resamples).",
+            resampled(evaluation.groups),
+            evaluation.resamples
+        ),
+        false => no_intervals("scene", evaluation.groups),
+    };
     let body = format!(
         "<p>Mean over {} test scenes, from {} spp, compared with I<sub>{}</sub>. Best in <b>bold</b>, second \
-         <u>underlined</u>, after rounding. Small print: 95% bootstrap interval over {} ({} resamples). AUC is the \
-         mean of the curve over log NFE. TV is its total variation per unit of log NFE; lower is steadier.</p>{}",
+         <u>underlined</u>, after rounding. {intervals} AUC is the mean of the curve over log NFE. TV is its total \
+         variation per unit of log NFE; lower is steadier.</p>{}",
         evaluation.scenes,
         evaluation.from_spp,
         evaluation.reference_spp,
-        resampled(evaluation.groups),
-        evaluation.resamples,
         tabs("tables", &panels)
     );
     Some(Section::new("results", "Results", body))
@@ -119,7 +125,10 @@ pub fn table(evaluation: &Evaluation, metric: &str) -> String {
         for (c, figure) in row.figures.iter().enumerate() {
             let class = if c + 2 == columns { r#" class="apart""# } else { "" };
             let _ = match figure {
-                Some(estimate) => write!(out, "<td{class}>{}</td>", figure_html(estimate, ranks[r][c], digits)),
+                Some(estimate) => {
+                    let figure = figure_html(estimate, ranks[r][c], digits, evaluation.has_intervals());
+                    write!(out, "<td{class}>{figure}</td>")
+                }
                 None => write!(out, r#"<td{class}><span class="zero">–</span></td>"#),
             };
         }
@@ -129,15 +138,15 @@ pub fn table(evaluation: &Evaluation, metric: &str) -> String {
     out
 }
 
-/// A mean with its rank, above its interval.
-pub fn figure_html(estimate: &Estimate, rank: Rank, digits: usize) -> String {
+/// A mean with its rank, above its interval if it has one.
+pub fn figure_html(estimate: &Estimate, rank: Rank, digits: usize, has_interval: bool) -> String {
     let mean = fixed(estimate.mean, digits);
     let mean = match rank {
         Rank::Best => format!(r#"<b class="best">{mean}</b>"#),
         Rank::Second => format!(r#"<span class="second">{mean}</span>"#),
         Rank::Other => format!("<span>{mean}</span>"),
     };
-    format!(r#"{mean}<span class="ci">{}</span>"#, interval(estimate, digits))
+    mean + &small_print(estimate, digits, has_interval)
 }
 
 /// Paired differences to hold.
@@ -145,8 +154,9 @@ fn gains(evaluation: &Evaluation, metric: &str) -> String {
     let rows = rows(evaluation, metric);
     let names = Names::of(&rows);
     let mut out = format!(
-        "<p class=\"note\">Difference to the input, paired by scene. An interval above 0 is a significant \
-         gain.</p><div class=\"scroll\"><table class=\"wide\"><thead>{}",
+        "<p class=\"note\">Difference to the input, paired by scene.{}</p><div class=\"scroll\"><table \
+         class=\"wide\"><thead>{}",
+        if evaluation.has_intervals() { " An interval above 0 is a significant gain." } else { "" },
         names.head()
     );
     for nfe in &evaluation.nfe {
@@ -160,13 +170,10 @@ fn gains(evaluation: &Evaluation, metric: &str) -> String {
         for nfe in &evaluation.nfe {
             let gain = row.table.and_then(|t| t.at.iter().find(|a| a.nfe == *nfe)).and_then(|a| a.gain.get(metric));
             let _ = match gain {
-                Some(g) => write!(
-                    out,
-                    r#"<td>{}<span class="ci">[{}, {}]</span></td>"#,
-                    signed(g.mean, 2),
-                    signed(g.low, 2),
-                    signed(g.high, 2)
-                ),
+                Some(g) => {
+                    let range = signed_print(g, 2, evaluation.has_intervals());
+                    write!(out, "<td>{}{range}</td>", signed(g.mean, 2))
+                }
                 None => write!(out, r#"<td class="zero">–</td>"#),
             };
         }

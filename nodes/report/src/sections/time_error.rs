@@ -13,7 +13,7 @@ pub use csv::{points as points_csv, scenes as scenes_csv, targets as targets_csv
 use std::fmt::Write as _;
 use tauflow_data::{
     methods::{Conditioning, OIDN, PATH_TRACER},
-    records::{TimeError, TimedMethod, TimedPoint, TimedSummary, front},
+    records::{TimeError, TimedMethod, TimedPoint, TimedSummary, front, has_intervals},
     timing::named,
 };
 
@@ -150,9 +150,9 @@ pub fn opening(of: &TimeError) -> String {
             .into_iter()
             .filter_map(|p| Some((p, p.all.speed_up?)))
             .reduce(|a, b| if b.1.mean > a.1.mean { b } else { a })?;
-        let interval = match of.scenes {
-            1 => String::new(),
-            _ => format!(" (95% interval {} to {})", fixed(speed.low, 1), fixed(speed.high, 1)),
+        let interval = match has_intervals(of.scenes, of.groups) {
+            false => String::new(),
+            true => format!(" (95% interval {} to {})", fixed(speed.low, 1), fixed(speed.high, 1)),
         };
         Some(format!(
             " {} from {} spp is <b>{}×</b> faster than rendering alone at equal error{interval}. It has the error of \

@@ -1,7 +1,10 @@
 //! A score table as CSV (RFC 4180): a column for each axis, then one row for each cell and metric.
 
 use super::{AxisValue, Estimate, ScoreTable};
-use crate::{records::computed, tabular::csv_field};
+use crate::{
+    records::computed,
+    tabular::{csv_estimate, csv_field},
+};
 use std::fmt::Write as _;
 
 fn axes(table: &ScoreTable) -> String {
@@ -12,15 +15,12 @@ fn values(at: &[AxisValue]) -> String {
     at.iter().map(|value| format!("{},", csv_field(&value.to_string()))).collect()
 }
 
-fn three(estimate: Option<&Estimate>) -> String {
-    estimate.map_or_else(|| ",,".into(), |e| format!("{},{},{}", e.mean, e.low, e.high))
-}
-
-/// Means and intervals: one row for each cell and metric.
+/// Means and intervals: one row for each cell and metric. Where there is no interval, its ends are empty.
 pub fn cells(table: &ScoreTable) -> String {
     let mut out = format!("{}metric,items,mean,low,high,difference,difference_low,difference_high\n", axes(table));
     for cell in &table.cells {
         for metric in &table.metrics {
+            let three = |estimate: Option<&Estimate>| csv_estimate(estimate, cell.has_intervals());
             let (mean, difference) = (three(cell.metrics.get(metric)), three(cell.difference.get(metric)));
             let _ = writeln!(out, "{}{},{},{mean},{difference}", values(&cell.at), csv_field(metric), cell.items);
         }
@@ -63,6 +63,14 @@ mod tests {
         assert_eq!(lines[3], "sobol,4,hdr_psnr,2,22.5,21.5,23.5,2.5,1.5,3.5");
         let text = items(&table);
         assert_eq!(text.lines().nth(1), Some("L0-open-000001,L0-open,sobol,4,20,21,0.5,22,0.25,0.75"));
+    }
+
+    #[test]
+    fn one_item_has_no_interval() {
+        let mut table = super::super::tests::table();
+        table.cells[2].items = 1;
+        let text = cells(&table);
+        assert_eq!(text.lines().nth(3), Some("sobol,4,hdr_psnr,1,22.5,,,2.5,,"));
     }
 
     #[test]

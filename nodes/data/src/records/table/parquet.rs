@@ -4,7 +4,7 @@
 //! # Source
 //! Apache Parquet, format version 2 (<https://parquet.apache.org/docs/file-format/>).
 
-use super::{AxisType, AxisValue, Estimate, ScoreTable, TableAxis};
+use super::{AxisType, AxisValue, Estimate, ScoreTable, TableAxis, TableCell};
 use crate::records::computed;
 use parquet::{
     basic::{LogicalType, Repetition, Type as Physical},
@@ -112,10 +112,10 @@ fn file(columns: Vec<Column>) -> Result<Vec<u8>, KindError> {
     written().map_err(|error| KindError::Internal(format!("the table cannot be written as Parquet: {error}")))
 }
 
-/// A number of an estimate.
-type Part = fn(&Estimate) -> f64;
+/// A number of an estimate; the ends of an interval only if there is one.
+type Part = fn(&Estimate, bool) -> Option<f64>;
 
-/// Means and intervals: one row for each cell and metric.
+/// Means and intervals: one row for each cell and metric. Where there is no interval, its ends are null.
 pub fn cells(table: &ScoreTable) -> Result<Vec<u8>, KindError> {
     let rows = || table.cells.iter().flat_map(|cell| table.metrics.iter().map(move |metric| (cell, metric)));
     let axes = table.axes.iter().enumerate();
@@ -124,13 +124,19 @@ pub fn cells(table: &ScoreTable) -> Result<Vec<u8>, KindError> {
     columns.push(Column::texts("metric", rows().map(|(_, metric)| metric.as_str())));
     let items = rows().map(|(cell, _)| i64::try_from(cell.items).ok()).collect();
     columns.push(Column { name: "items".into(), values: Values::Integers(items) });
-    let parts: [(&str, Part); 3] = [("mean", |e| e.mean), ("low", |e| e.low), ("high", |e| e.high)];
+    let parts: [(&str, Part); 3] = [
+        ("mean", |e, _| Some(e.mean)),
+        ("low", |e, there| there.then_some(e.low)),
+        ("high", |e, there| there.then_some(e.high)),
+    ];
     for (name, of) in parts {
-        columns.push(Column::numbers(name, rows().map(|(cell, metric)| cell.metrics.get(metric).map(of))));
+        let own = |(cell, metric): (&TableCell, &String)| of(cell.metrics.get(metric)?, cell.has_intervals());
+        columns.push(Column::numbers(name, rows().map(own)));
     }
     for (part, of) in parts {
         let name = if part == "mean" { "difference".to_owned() } else { format!("difference_{part}") };
-        columns.push(Column::numbers(&name, rows().map(|(cell, metric)| cell.difference.get(metric).map(of))));
+        let own = |(cell, metric): (&TableCell, &String)| of(cell.difference.get(metric)?, cell.has_intervals());
+        columns.push(Column::numbers(&name, rows().map(own)));
     }
     file(columns)
 }
@@ -199,6 +205,18 @@ mod tests {
             rows[0][3..],
             [Field::Long(4), number(20.0), number(21.0), number(0.5), number(22.0), number(0.25), number(0.75)]
         );
+    }
+
+    #[test]
+    fn a_cell_of_one_item_or_of_one_group_has_no_interval() {
+        let mut table = super::super::tests::table();
+        table.cells[0].items = 1;
+        table.cells[2].one_group = true;
+        let (_, rows) = read(cells(&table).expect("written"));
+        let number = Field::Double;
+        assert_eq!(rows[0][4..7], [number(20.0), Field::Null, Field::Null]);
+        assert_eq!(rows[1][4..7], [26.0, 25.0, 27.0].map(number));
+        assert_eq!(rows[2][4..], [number(22.5), Field::Null, Field::Null, number(2.5), Field::Null, Field::Null]);
     }
 
     #[test]

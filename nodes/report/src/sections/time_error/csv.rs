@@ -2,7 +2,10 @@
 
 use crate::csv::field;
 use std::fmt::Write as _;
-use tauflow_data::records::{Estimate, TimeError, TimeTo, TimedMethod, TimedSummary};
+use tauflow_data::{
+    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedSummary, has_intervals},
+    tabular::csv_estimate,
+};
 
 /// A method's columns.
 fn method(of: &TimedMethod) -> String {
@@ -14,17 +17,6 @@ fn optional(value: Option<f64>) -> String {
     value.map_or_else(String::new, |v| v.to_string())
 }
 
-/// Mean, low and high; no interval of one scene.
-fn three(estimate: Option<Estimate>, scenes: u64) -> String {
-    let ends = estimate.filter(|_| scenes > 1);
-    format!(
-        "{},{},{}",
-        optional(estimate.map(|e| e.mean)),
-        optional(ends.map(|e| e.low)),
-        optional(ends.map(|e| e.high))
-    )
-}
-
 /// Every point, over all scenes and by stratum.
 pub fn points(of: &TimeError) -> String {
     let mut out = String::from(
@@ -32,11 +24,13 @@ pub fn points(of: &TimeError) -> String {
          cpu_s,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,speed_up_low,speed_up_high,\
          crossover_spp,crossover_spp_low,crossover_spp_high,extrapolated\n",
     );
+    let groups = of.groups;
     for timed in &of.methods {
         let method = method(timed);
         for point in &timed.points {
             let all = std::iter::once(("all", &point.all));
             for (stratum, at) in all.chain(point.strata.iter().map(|(name, at)| (name.as_str(), at))) {
+                let three = |of: Option<Estimate>| csv_estimate(of.as_ref(), has_intervals(at.scenes, groups));
                 let TimedSummary { scenes, wall_s, cpu_s, mse, rel_mse, hdr_psnr, preview_psnr, ssim, .. } = at;
                 let _ = writeln!(
                     out,
@@ -48,8 +42,8 @@ pub fn points(of: &TimeError) -> String {
                     wall_s[1],
                     wall_s[2],
                     cpu_s[1],
-                    three(at.speed_up, *scenes),
-                    three(at.crossover_spp, *scenes),
+                    three(at.speed_up),
+                    three(at.crossover_spp),
                     at.extrapolated
                 );
             }

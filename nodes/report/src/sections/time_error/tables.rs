@@ -3,13 +3,13 @@
 use super::{best_by_start, best_solver, name};
 use crate::{
     ranking::conditioning_name,
-    sections::{method_html, resampled},
+    sections::{method_html, no_intervals, resampled},
     text::{compact, count, escape, fixed, interval, signed},
 };
 use std::fmt::Write as _;
 use tauflow_data::{
     methods::PATH_TRACER,
-    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary},
+    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary, has_intervals},
 };
 
 fn table(heads: &[&str], rows: &str) -> String {
@@ -37,32 +37,35 @@ fn calls(point: &TimedPoint) -> String {
     if point.nfe == 0 { "–".into() } else { point.nfe.to_string() }
 }
 
-/// A ratio with its interval; scenes are what intervals are over, and one has none.
-fn ratio(found: Option<&Estimate>, scenes: u64, text: impl Fn(f64) -> String) -> String {
+/// A ratio with its interval, if it has one.
+fn ratio(found: Option<&Estimate>, has_interval: bool, text: impl Fn(f64) -> String) -> String {
     match found {
         None => "–".into(),
-        Some(e) if scenes < 2 => text(e.mean),
+        Some(e) if !has_interval => text(e.mean),
         Some(e) => format!("{}<span class=\"ci\">[{}, {}]</span>", text(e.mean), text(e.low), text(e.high)),
     }
 }
 
-fn speed_up(of: &TimedSummary) -> String {
-    ratio(of.speed_up.as_ref(), of.scenes, |v| fixed(v, 2))
+fn speed_up(of: &TimedSummary, groups: Option<u64>) -> String {
+    ratio(of.speed_up.as_ref(), has_intervals(of.scenes, groups), |v| fixed(v, 2))
 }
 
-fn crossover(of: &TimedSummary) -> String {
+fn crossover(of: &TimedSummary, groups: Option<u64>) -> String {
     let beyond = match of.extrapolated > 0.0 {
         true => format!(" <small>† {}%</small>", fixed(100.0 * of.extrapolated, 0)),
         false => String::new(),
     };
-    ratio(of.crossover_spp.as_ref(), of.scenes, compact) + &beyond
+    ratio(of.crossover_spp.as_ref(), has_intervals(of.scenes, groups), compact) + &beyond
 }
 
 fn beyond(groups: Option<u64>) -> String {
+    let intervals = match groups {
+        Some(1) => no_intervals("scene", groups),
+        _ => format!("Intervals: 95%, by bootstrap over {}; omitted for a single scene.", resampled(groups)),
+    };
     format!(
-        "<p class=\"note\">Intervals: 95%, by bootstrap over {}; omitted for a single scene. †: share of scenes whose \
-         crossover is beyond the last timed rung and is extrapolated with the 1/n law.</p>",
-        resampled(groups)
+        "<p class=\"note\">{intervals} †: share of scenes whose \
+         crossover is beyond the last timed rung and is extrapolated with the 1/n law.</p>"
     )
 }
 
@@ -88,8 +91,8 @@ pub fn points(of: &TimeError) -> String {
                 fixed(all.hdr_psnr, 2),
                 fixed(all.preview_psnr, 2),
                 fixed(all.ssim, 4),
-                speed_up(all),
-                crossover(all),
+                speed_up(all, of.groups),
+                crossover(all, of.groups),
             ]));
         }
     }
@@ -116,9 +119,9 @@ pub fn equal_time(of: &TimeError) -> String {
     for method in &of.methods {
         for point in &method.points {
             let Some(versus) = &point.versus else { continue };
-            let gain = |e: &Estimate, digits| match point.all.scenes {
-                1 => signed(e.mean, digits),
-                _ => format!("{} <small>{}</small>", signed(e.mean, digits), interval(e, digits)),
+            let gain = |e: &Estimate, digits| match has_intervals(point.all.scenes, of.groups) {
+                false => signed(e.mean, digits),
+                true => format!("{} <small>{}</small>", signed(e.mean, digits), interval(e, digits)),
             };
             rows.push_str(&cells(&[
                 named(method),
@@ -214,8 +217,8 @@ pub fn strata(of: &TimeError) -> String {
                     compact(at.wall_s[1]),
                     compact(at.mse.sqrt()),
                     compact(at.rel_mse),
-                    speed_up(at),
-                    crossover(at),
+                    speed_up(at, of.groups),
+                    crossover(at, of.groups),
                 ]));
             }
         }
