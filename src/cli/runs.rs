@@ -4,6 +4,7 @@ use super::{CacheAt, CliError, Exit, bytes_text, counted, seconds_text, table};
 use crate::runs::{self, Comparison, MetricChange, Outcome, RowCounts, RunRecord, RunsError, date_text};
 use clap::Args;
 use serde_json::{Value, json};
+use tauflow_data::records::has_intervals;
 
 /// Arguments of `runs`.
 #[derive(Args)]
@@ -34,7 +35,7 @@ pub(crate) struct DiffArgs {
     run: String,
     /// Id of the run to compare with. Default: the latest run of the same pipeline.
     other: Option<String>,
-    /// Print every cell, and the metrics whose intervals contain 0, too.
+    /// Print every cell, and the differences that cannot be told from 0, too.
     #[arg(long)]
     all: bool,
     /// Print the complete comparison as JSON.
@@ -284,6 +285,7 @@ fn show_metrics(found: &Comparison, all: bool) {
     outputs.dedup();
     for output in outputs {
         let changes: Vec<&MetricChange> = found.metrics.iter().filter(|change| change.output == output).collect();
+        // A single item has no interval: any difference is shown.
         let clear = |change: &&&MetricChange| change.difference.low > 0.0 || change.difference.high < 0.0;
         let shown: Vec<&MetricChange> = changes.iter().filter(|change| all || clear(change)).copied().collect();
         outln!("\nmetrics of {output}, after less before, with 95% intervals over the shared items:");
@@ -303,7 +305,7 @@ fn show_metrics(found: &Comparison, all: bool) {
         }
         let hidden = changes.len() - shown.len();
         if hidden > 0 {
-            outln!("{hidden} of {} intervals contain 0; --all prints them, too", changes.len());
+            outln!("{hidden} of {} differences cannot be told from 0; --all prints them, too", changes.len());
         }
     }
 }
@@ -331,6 +333,9 @@ fn metric_row(change: &MetricChange) -> Vec<String> {
         format!("{:.4}", change.before),
         format!("{:.4}", change.after),
         format!("{:+.4}", change.difference.mean),
-        format!("[{:+.4}, {:+.4}]", change.difference.low, change.difference.high),
+        match has_intervals(change.items, None) {
+            true => format!("[{:+.4}, {:+.4}]", change.difference.low, change.difference.high),
+            false => "none".to_owned(),
+        },
     ]
 }
