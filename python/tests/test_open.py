@@ -77,13 +77,13 @@ def test_results_in_folders_are_found(tiny, tmp_path):
     shutil.copytree(tiny.out / "tiny", folder)
     for node in ("page", "sheet"):
         (folder / node).mkdir()
-        (folder / node / "index.html").write_text(node)
+        (folder / node / "seen.html").write_text(node)
     (folder / "page" / "own.csv").write_text("a\n1\n")
     results = tauflow.open(folder, cache=tiny.cache)
-    assert {"table.csv", "page/own.csv", "sheet/index.html"} <= set(results.files)
+    assert {"table.csv", "page/own.csv", "sheet/seen.html"} <= set(results.files)
     assert results.rows("own") == results.rows("page/own") == [{"a": 1}]
-    with pytest.raises(tauflow.TauflowError, match="in several folders; name one of page/index.html, sheet/index.html"):
-        results.path("index.html")
+    with pytest.raises(tauflow.TauflowError, match="in several folders; name one of page/seen.html, sheet/seen.html"):
+        results.path("seen.html")
 
 
 def test_what_is_not_there_is_none(tiny):

@@ -118,7 +118,7 @@ fn links_and_hidden_files_are_no_output() {
     }
     let gather = json!({ "mode": "gather", "inputs": {} });
     for (script, told) in [
-        ("ln -s /etc out/made/one", "the link `one`"),
+        ("ln -s /etc out/made/one", "the link `out/made/one`"),
         ("mkdir out/made/a; ln -s /etc out/made/a/one", "the link `out/made/a/one`"),
         ("rmdir out/made; ln -s /etc out/made", "the link `out/made`"),
     ] {

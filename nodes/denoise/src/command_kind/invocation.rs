@@ -131,7 +131,7 @@ impl Invocation<'_> {
                 continue;
             }
             let mut keys = Vec::new();
-            self.find_items(&folder, "", &mut keys)?;
+            self.find_items(&folder, &format!("out/{name}"), "", &mut keys)?;
             if keys.is_empty() {
                 return Err(self.failed(&format!(
                     "left nothing in `out/{name}`; write each item into a directory `out/{name}/KEY`"
@@ -148,12 +148,15 @@ impl Invocation<'_> {
         Ok(outputs)
     }
 
-    /// The folders below that have files, by their paths; what is below such a folder belongs to it.
-    fn find_items(&self, folder: &Path, prefix: &str, found: &mut Vec<String>) -> Result<(), KindError> {
+    /// The folders below `place` that have files, by their paths; what is below such a folder belongs to it.
+    fn find_items(&self, folder: &Path, place: &str, prefix: &str, found: &mut Vec<String>) -> Result<(), KindError> {
+        if folder.is_symlink() {
+            return Err(self.link(&format!("{place}/{prefix}")));
+        }
         for name in entries(folder)? {
             let path = folder.join(&name);
             if path.is_symlink() {
-                return Err(self.link(&format!("{prefix}{name}")));
+                return Err(self.link(&format!("{place}/{prefix}{name}")));
             }
             if !path.is_dir() {
                 let what = format!("left the file `{prefix}{name}` outside of the directory of an item");
@@ -167,13 +170,14 @@ impl Invocation<'_> {
             if below.iter().any(|name| !path.join(name).is_dir()) {
                 found.push(key);
             } else {
-                self.find_items(&path, &format!("{key}/"), found)?;
+                self.find_items(&path, place, &format!("{key}/"), found)?;
             }
         }
         Ok(())
     }
 
     fn link(&self, place: &str) -> KindError {
+        let place = place.trim_end_matches('/');
         self.failed(&format!("left the link `{place}`; put a copy of the file there"))
     }
 
