@@ -195,7 +195,7 @@ class Node(Mapping[str, Item]):
         if len(found) == 1:
             return found[0]
         if found:
-            raise Missing(f"`{key}` is in {len(found)} cells; name one, such as `{found[0].key}`")
+            raise TauflowError(f"`{key}` is in {len(found)} cells; name one, such as `{found[0].key}`")
         import difflib
 
         near = difflib.get_close_matches(key, self._items, 1, 0.5) if isinstance(key, str) else []

@@ -49,9 +49,13 @@ pub const MOST_LETTERS: usize = 100;
 /// Whether a text can name a node, port, axis, value or profile: at most 100 letters, digits, `_` and `-`, not starting
 /// with a digit or `-`.
 pub fn is_name(text: &str) -> bool {
+    text.len() <= MOST_LETTERS && is_word(text)
+}
+
+/// The same of a text of any length.
+pub fn is_word(text: &str) -> bool {
     let mut chars = text.chars();
-    text.len() <= MOST_LETTERS
-        && chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+    chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
         && chars.all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
 }
 

@@ -8,7 +8,7 @@ use super::{
     foresee::{self, Listed},
     node::{self, Axis, RawNode},
     outside, overrides,
-    reference::{Reference, is_name},
+    reference::{Reference, is_word},
     schema_check,
     values::Values,
     wire,
@@ -112,7 +112,7 @@ fn finish(
     let order = wire::order(&wiring, &mut problems);
     values.explain(&mut problems);
     let name =
-        file.name.as_ref().map(|n| n.text.clone()).or_else(|| stem.filter(|stem| is_name(stem)).map(str::to_owned));
+        file.name.as_ref().map(|n| n.text.clone()).or_else(|| stem.filter(|stem| is_word(stem)).map(str::to_owned));
     let Some(order) = order.filter(|_| problems.is_empty()) else {
         return Err(Problems::new(sources, problems));
     };
@@ -260,8 +260,8 @@ fn check_axes(draft: &Draft, raw: &RawNode, bound: &BTreeSet<String>, problems: 
     }
 }
 
-/// Most bytes of a cell's name that becomes the name of a folder: file systems take 255.
-const MOST_FOLDER: usize = 200;
+/// Most bytes of the name of a folder on usual file systems.
+const MOST_FOLDER: usize = 255;
 
 /// Results for people are in a folder for each cell, with the name of the cell.
 fn check_folders(draft: &Draft, raw: &RawNode, problems: &mut Vec<Problem>) {

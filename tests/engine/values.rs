@@ -7,7 +7,10 @@ use crate::{
 use insta::assert_snapshot;
 use serde_json::{Value, json};
 use std::fs;
-use tauflow::pipeline::{self, Options, Pipeline};
+use tauflow::{
+    engine::RunOptions,
+    pipeline::{self, Options, Pipeline},
+};
 
 fn with(text: &str, profile: Option<&str>, sets: &[&str]) -> Pipeline {
     let sets = sets.iter().map(|set| (*set).to_owned()).collect();
@@ -222,9 +225,11 @@ fn names_that_no_folder_can_have_are_told() {
         let total = format!("  total: {{kind: total, inputs: {{in: numbers}}, matrix: {{title: [{title}, b]}}}}\n");
         format!("nodes:\n  numbers: {{kind: numbers, params: {{count: 1}}}}\n{total}")
     };
-    let long = told(&text(195));
-    assert!(long.contains("a folder of results in 201 bytes; at most 200 fit"), "{long}");
-    assert_eq!(Workshop::new().run(&text(194)).summary.failures.len(), 0);
+    let long = told(&text(250));
+    assert!(long.contains("a folder of results in 256 bytes; at most 255 fit"), "{long}");
+    let shop = Workshop::new();
+    let options = RunOptions { jobs: 2, out: Some(shop.out()), ..RunOptions::default() };
+    assert_eq!(shop.run_with(&text(249), &options, |_, _| {}).summary.failures.len(), 0);
 }
 
 const LIKE: &str = "

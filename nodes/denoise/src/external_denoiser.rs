@@ -85,8 +85,8 @@ impl Default for ExternalDenoiserParams {
 }
 
 const ENDPOINTS: Each<PackedScene> = Each::new("endpoints", "The scenes whose endpoints are denoised.");
-const MAIN: Group = Group::main(2);
-const TIMED: Group = Group::new(TIMING, 3);
+const MAIN: Group = Group::main(3);
+const TIMED: Group = Group::new(TIMING, 4);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image; none if the library is missing.").local();
 const TIMES: Out<Timing> = Out::new(TIMED, "timing", "Wall time on all cores.").measured();
 
@@ -118,7 +118,11 @@ impl Kind for ExternalDenoiser {
             && let Some(place) = features.iter().find(|place| params.command.iter().any(|word| word.contains(**place)))
         {
             let message = format!("`conditioning: rgb` has no file `{place}`");
-            out.push(ParamProblem::new("/command", message, "omit it, or use `conditioning: gbuffer`"));
+            out.push(ParamProblem::new(
+                "/command",
+                message,
+                "omit it, use `conditioning: gbuffer`, or write a node for each conditioning",
+            ));
         }
         if !params.command.is_empty() && params.library.is_some() {
             let hint = "omit one of them";

@@ -290,7 +290,6 @@ fn setting(model: &Model) -> BTreeMap<String, String> {
     fields.map(|(name, value)| (name.to_owned(), value.to_owned())).into()
 }
 
-/// Adjacent stops k -> k+1, then direct ones k -> last that are not adjacent.
 /// Whether stops lie in the ladder of a model, without its end.
 fn outside(endpoints: &Source, port: All<ModelFile>, model: &Source) -> Option<Foreseen> {
     let (stops, rungs) = (endpoints.facts.get(RUNGS)?, model.facts.get(RUNGS)?);
@@ -306,6 +305,7 @@ fn outside(endpoints: &Source, port: All<ModelFile>, model: &Source) -> Option<F
     })
 }
 
+/// Adjacent stops k -> k+1, then direct ones k -> last that are not adjacent.
 fn stops(counts: &[u64]) -> Result<Vec<(u64, u64)>, KindError> {
     if counts.len() < 3 || counts.windows(2).any(|w| w[1] != w[0] + 1) {
         return Err(KindError::Input(format!(

@@ -64,7 +64,8 @@ pub const PSNR_CEILING: f64 = 144.494_397_918_710_97;
 
 /// A value as it enters means: a PSNR is held below [`PSNR_CEILING`].
 pub fn bounded(metric: &str, value: f64) -> f64 {
-    if metric.contains("psnr") { value.min(PSNR_CEILING) } else { value }
+    // `min` would hide that a value is not known.
+    if metric.contains("psnr") && value > PSNR_CEILING { PSNR_CEILING } else { value }
 }
 
 /// Names of the metrics that at least one of the scores has, in the order of tables; always those of [`BASIC`].
@@ -157,6 +158,7 @@ mod tests {
         for metric in METRICS {
             let ceiling = if metric.contains("psnr") { PSNR_CEILING } else { f64::INFINITY };
             assert_eq!((bounded(metric, f64::INFINITY), bounded(metric, 40.0)), (ceiling, 40.0), "{metric}");
+            assert!(bounded(metric, f64::NAN).is_nan(), "{metric}");
         }
     }
 

@@ -76,6 +76,7 @@ pub fn channels(place: &str, channels: usize, texels: usize, bytes: usize) -> Re
 }
 
 /// The remaining budget of the images and meshes of an object or a scene.
+#[derive(Clone)]
 pub struct Allowance {
     /// Texels to be read, each for each use.
     texels: usize,

@@ -177,19 +177,18 @@ pub fn picture(bytes: &[u8], place: &str, raw: bool, left: &mut Allowance) -> Re
 /// # Errors
 /// As for [`picture`].
 pub fn alpha(bytes: &[u8], place: &str, raw: bool, left: &mut Allowance) -> Result<Option<Image>, Refusal> {
-    // The colour type in the header of a PNG: palettes and greys have no alpha for pbrt.
-    if bytes.starts_with(b"\x89PNG") && bytes.get(25) != Some(&6) {
+    // The colour type in the header of a PNG: palettes and greys have no alpha for pbrt, nor has any other format that
+    // it reads.
+    if !bytes.starts_with(b"\x89PNG") || bytes.get(25) != Some(&6) {
         return Ok(None);
     }
+    let before = left.clone();
     let decoded = decoded(bytes, place, left)?;
-    if decoded.color().channel_count() != 4 {
-        return Ok(None);
-    }
-    let bytes = decoded.width() as usize * decoded.height() as usize * size_of::<f32>();
-    left.make(place, bytes)?;
+    left.make(place, decoded.width() as usize * decoded.height() as usize * size_of::<f32>())?;
     let mut image = bitmap(&decoded, Use::Alpha, 1);
-    if image.data().iter().all(|v| *v == 1.0) {
-        left.give_back(bytes);
+    if decoded.color().channel_count() != 4 || image.data().iter().all(|v| *v == 1.0) {
+        // Its colours are read in a moment, at their cost.
+        *left = before;
         return Ok(None);
     }
     if !raw {
