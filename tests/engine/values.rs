@@ -222,14 +222,18 @@ fn names_that_no_folder_can_have_are_told() {
     );
     let text = |letters: usize| {
         let title = "t".repeat(letters);
-        let total = format!("  total: {{kind: total, inputs: {{in: numbers}}, matrix: {{title: [{title}, b]}}}}\n");
-        format!("nodes:\n  numbers: {{kind: numbers, params: {{count: 1}}}}\n{total}")
+        let axes = "mul: [1000000000000000001], fail_from: [9000000000000000001], panic_on: [9000000000000000002]";
+        format!(
+            "nodes:\n  numbers: {{kind: numbers, params: {{count: 1}}}}\n  scaled: {{kind: affine, inputs: {{in: \
+             numbers}}, matrix: {{{axes}}}}}\n  total: {{kind: total, inputs: {{in: scaled}}, matrix: {{{axes}, \
+             title: [{title}, b]}}}}\n"
+        )
     };
-    let long = told(&text(250));
+    let long = told(&text(167));
     assert!(long.contains("a folder of results in 256 bytes; at most 255 fit"), "{long}");
     let shop = Workshop::new();
     let options = RunOptions { jobs: 2, out: Some(shop.out()), ..RunOptions::default() };
-    assert_eq!(shop.run_with(&text(249), &options, |_, _| {}).summary.failures.len(), 0);
+    assert_eq!(shop.run_with(&text(166), &options, |_, _| {}).summary.failures.len(), 0);
 }
 
 const LIKE: &str = "
