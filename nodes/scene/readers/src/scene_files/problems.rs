@@ -76,7 +76,7 @@ impl Problems {
         if self.approximate {
             self.note(at, format!("approximated: {}", what.into()));
         } else {
-            self.error(at, what, &format!("{remedy}, or allow it by `approximate`"));
+            self.error(at, what, &format!("{remedy}, or allow it by `approximate` (`--approximate`)"));
         }
     }
 
@@ -123,7 +123,7 @@ mod tests {
             text.lines().collect::<Vec<_>>(),
             [
                 "a.xml: line 7: `hair` is not supported; use `principled`",
-                "b.xml: file: beckmann; write `ggx`, or allow it by `approximate`",
+                "b.xml: file: beckmann; write `ggx`, or allow it by `approximate` (`--approximate`)",
             ]
         );
         let mut allowed = Problems::new(true);
