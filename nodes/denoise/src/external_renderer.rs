@@ -244,7 +244,7 @@ impl SceneToRender<'_> {
             ],
             surroundings,
         )?;
-        // What it said may tell why a file is missing or wrong.
+        // The program's messages may tell why a file is missing or wrong.
         let tail = ran.tail();
         let told = |error: KindError| match error {
             KindError::Environment(what) => KindError::Environment(format!("{what}{tail}")),

@@ -99,7 +99,7 @@ pub(crate) struct Ran {
 }
 
 impl Ran {
-    /// What it said at last, as the end of a message.
+    /// The last lines of the program, as the end of a message.
     pub(crate) fn tail(&self) -> String {
         match &self.ended {
             Ended::Not(_) => String::new(),
@@ -194,7 +194,7 @@ pub(crate) fn answer(program: &str, arguments: &[String], most: Duration) -> io:
     let mut command = Command::new(program);
     command.args(arguments).env_clear().envs(variables(&[])).stdin(Stdio::null()).process_group(0);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
-    // Of an answer that is too long, one byte too many is kept.
+    // One byte more than the limit shows that an answer is too long.
     let said = Said::by(child.stdout.take(), Keep::First(MOST_ANSWER + 1));
     let told = Said::of(&mut child);
     let started = Instant::now();
@@ -229,9 +229,9 @@ enum Keep {
     Last(usize),
 }
 
-/// What a program writes to a pipe.
+/// The output of a program to a pipe.
 struct Said {
-    /// What is kept, and how many bytes have come.
+    /// The bytes that are kept, and the number of all bytes so far.
     text: Arc<Mutex<(Vec<u8>, u64)>>,
     reader: Option<thread::JoinHandle<()>>,
 }
@@ -273,7 +273,7 @@ impl Said {
         self.text.lock().unwrap_or_else(PoisonError::into_inner).1
     }
 
-    /// What is kept, after the end of the program.
+    /// The bytes that are kept, after the end of the program.
     #[expect(clippy::disallowed_methods, reason = "a limit of wall time")]
     fn bytes(self) -> Vec<u8> {
         let begun = Instant::now();
@@ -295,7 +295,7 @@ impl Said {
     }
 }
 
-/// The end of a message: what a program said at last.
+/// The end of a message: the last lines of a program.
 pub(crate) fn tail(told: &str) -> String {
     match told.is_empty() {
         true => "; it wrote nothing to standard error".to_owned(),

@@ -113,8 +113,8 @@ impl Until {
     }
 
     /// As many samples as this error takes by what is known now, out of `samples` that have the error `expected`:
-    /// doubling goes beyond it, and goes far beyond it if the first samples that decided missed rare light. There are
-    /// `at_least` in any case. The error falls with the root of the number.
+    /// doubling goes beyond it, and goes far beyond it if the first samples that decided missed rare light. It is never
+    /// below `at_least`. The error falls with the root of the number.
     pub fn least(&self, samples: u64, at_least: u64, expected: f64) -> (u64, f64) {
         let share = if expected > 0.0 { (expected / self.relative_error).powi(2) } else { 1.0 };
         let enough = if share < 1.0 { ((samples as f64 * share).ceil() as u64).min(samples) } else { samples };

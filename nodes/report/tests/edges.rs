@@ -32,7 +32,7 @@ impl Bench {
         Self { blobs, inputs, stop: AtomicBool::new(false) }
     }
 
-    /// Those of a report without an evaluation: a table, references and images.
+    /// The inputs of a report without an evaluation: a table, references and images.
     fn of_a_table() -> Self {
         let mut bench = Self::new();
         bench.inputs.retain(|port, _| ["references", "refined"].contains(port));
