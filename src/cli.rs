@@ -228,9 +228,14 @@ impl PipelineArgs {
         (&self.pipeline, self.profile.as_deref())
     }
 
-    /// Whether the command line overrides the file and the profile.
-    pub(crate) fn is_changed(&self) -> bool {
-        !(self.sets.is_empty() && self.targets.is_empty())
+    /// Whether the command line overrides params or values.
+    pub(crate) fn has_sets(&self) -> bool {
+        !self.sets.is_empty()
+    }
+
+    /// Whether the command line names targets.
+    pub(crate) fn has_targets(&self) -> bool {
+        !self.targets.is_empty()
     }
 
     /// The profile, and what `--set` and `--target` say.

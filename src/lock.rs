@@ -149,6 +149,27 @@ impl Lock {
         text
     }
 
+    /// What a run of a part of the pipeline is to be compared with: the entries of the nodes that took part.
+    pub fn part_of(&self, now: &Self) -> Self {
+        let nodes: BTreeSet<&str> = now.bitwise.keys().map(|name| node_of(name)).collect();
+        let mut part = self.clone();
+        part.bitwise.retain(|name, _| nodes.contains(node_of(name)));
+        part
+    }
+
+    /// This lock with the entries of a run of a part of the pipeline, whose nodes have no others any more. Entries of
+    /// nodes that the pipeline no longer has are dropped.
+    pub fn with_part(&self, now: &Self, nodes: &BTreeSet<&str>) -> Self {
+        let replaced: BTreeSet<&str> = now.bitwise.keys().map(|name| node_of(name)).collect();
+        let mut all = self.clone();
+        all.pipeline.clone_from(&now.pipeline);
+        all.bitwise.retain(|name, _| nodes.contains(node_of(name)) && !replaced.contains(node_of(name)));
+        all.bitwise.extend(now.bitwise.clone());
+        all.left_out.retain(|name| nodes.contains(node_of(name)));
+        all.left_out.extend(now.left_out.clone());
+        all
+    }
+
     /// Compares what a run gave now.
     pub fn compare(&self, now: &Self) -> Differences {
         let mut found = Differences::default();
@@ -163,6 +184,11 @@ impl Lock {
         }
         found
     }
+}
+
+/// The node of an output `node.port` or `node[axis=value].port`.
+fn node_of(output: &str) -> &str {
+    output.find(['[', '.']).map_or(output, |end| &output[..end])
 }
 
 #[cfg(test)]
@@ -195,6 +221,28 @@ mod tests {
         assert_eq!(Lock::read(&path).expect("own text"), lock());
         fs::write(&path, "pipeline: [").expect("room");
         assert!(matches!(Lock::read(&path), Err(LockError::Parse { .. })));
+    }
+
+    #[test]
+    fn a_part_is_compared_and_written_without_the_rest() {
+        let whole = lock();
+        let mut part = whole.clone();
+        part.bitwise.retain(|name, _| name.starts_with("solvers"));
+        assert_eq!(whole.part_of(&part).compare(&part), Differences { outputs: vec![], equal: 1 });
+        // A cell that the node no longer has is missed, and goes with the next writing.
+        let other = "solvers[loss=l2].model".to_owned();
+        let more = Lock { bitwise: [(other.clone(), Digest::of(b"c"))].into(), ..part.clone() };
+        let found = whole.part_of(&more).compare(&more);
+        assert_eq!(
+            found.outputs.iter().map(|(name, ..)| name).collect::<Vec<_>>(),
+            ["solvers[loss=l1, x=\"2\"].model", &other]
+        );
+        let nodes = BTreeSet::from(["scenes", "solvers"]);
+        let written = whole.with_part(&more, &nodes);
+        assert_eq!(written.bitwise.keys().collect::<Vec<_>>(), ["scenes.scenes", &other]);
+        assert_eq!(written.left_out, whole.left_out);
+        let gone = whole.with_part(&more, &BTreeSet::from(["solvers"]));
+        assert_eq!(gone.bitwise.keys().collect::<Vec<_>>(), [&other]);
     }
 
     #[test]

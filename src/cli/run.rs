@@ -88,10 +88,10 @@ pub(crate) struct RunArgs {
     /// Look up every item, even if a whole node is known to be up to date.
     #[arg(long)]
     no_rollup: bool,
-    /// Compare all reproducible outputs with the lock file.
+    /// Compare all reproducible outputs with the lock file; with --target, those of the nodes that it needs.
     #[arg(long, conflicts_with_all = ["only", "update_lock"])]
     locked: bool,
-    /// Write the lock file, next to the pipeline file.
+    /// Write the lock file, next to the pipeline file; with --target, only its entries of the nodes that it needs.
     #[arg(long, conflicts_with = "only")]
     update_lock: bool,
     /// Copy the results of the pipeline to the upstream at the end, as `cache push PIPELINE` does.
@@ -122,8 +122,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
             return Err(CliError::Bad(format!("{name} {share} must be between 0 and 1, for example 0.05")));
         }
     }
-    if (args.locked || args.update_lock) && args.pipeline.is_changed() {
-        let message = "--locked and --update-lock do not accept --set and --target; define a profile instead";
+    if (args.locked || args.update_lock) && args.pipeline.has_sets() {
+        let message = "--locked and --update-lock do not accept --set; define a profile instead";
         return Err(CliError::Bad(message.into()));
     }
     if args.executor.has_worker_cache() && args.recheck.max(args.audit) > 0.0 {
@@ -233,10 +233,16 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     }
     let now = Lock::of(&pipeline.name, &summary.outputs);
     if args.update_lock {
-        now.write(&args.lock_path())?;
+        let nodes = pipeline.nodes.iter().map(|node| node.name.as_str()).collect();
+        let whole = match args.pipeline.has_targets() && args.lock_path().exists() {
+            true => Lock::read(&args.lock_path())?.with_part(&now, &nodes),
+            false => now.clone(),
+        };
+        whole.write(&args.lock_path())?;
         errln!("wrote {}", args.lock_path().display());
     }
-    let same = before.is_none_or(|before| tell_differences(&before, &now, args));
+    let part = |before: Lock| if args.pipeline.has_targets() { before.part_of(&now) } else { before };
+    let same = before.map(part).is_none_or(|before| tell_differences(&before, &now, args));
     Ok(if same { Exit::Done } else { Exit::Failed })
 }
 

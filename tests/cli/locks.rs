@@ -36,10 +36,30 @@ fn a_profile_has_a_lock_of_its_own_and_overrides_have_none() {
     place.tauflow(&["run", "small.yaml", "--profile", "more", "--update-lock"]).ends(0);
     assert!(place.path("small.more.lock").is_file() && !place.path("small.lock").exists());
     let set = place.tauflow(&["run", "small.yaml", "--set", "scenes.pool=9", "--locked"]).ends(2);
-    assert!(set.err.contains("do not accept --set and --target"), "{}", set.err);
+    assert!(set.err.contains("do not accept --set"), "{}", set.err);
     place.write("small.more.lock", "pipeline: small\nbitwise: [1]\n");
     let damaged = place.tauflow(&["run", "small.yaml", "--profile", "more", "--locked"]).ends(2);
     assert!(damaged.err.contains("small.more.lock is not a lock file"), "{}", damaged.err);
+}
+
+#[test]
+fn a_lock_is_compared_and_written_in_parts() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml", "--target", "scenes", "--update-lock"]).ends(0);
+    let part = fs::read_to_string(place.path("small.lock")).expect("it was written");
+    assert!(part.contains("\"scenes.scenes\": ") && !part.contains("sampling"), "{part}");
+    let held = place.tauflow(&["run", "small.yaml", "--target", "scenes", "--locked"]).ends(0);
+    assert!(held.err.contains("small.lock agrees: 1 output"), "{}", held.err);
+    let whole = place.tauflow(&["run", "small.yaml", "--locked"]).ends(1);
+    assert!(whole.err.contains("`sampling.train` is ") && whole.err.contains("does not contain it"), "{}", whole.err);
+    // The parts make the whole.
+    place.tauflow(&["run", "small.yaml", "--target", "sampling", "--update-lock"]).ends(0);
+    place.tauflow(&["run", "small.yaml", "--locked"]).ends(0);
+    // A change after the part is no difference in the part, and is one in the whole.
+    place.write("small.yaml", &PIPELINE.replace("test_share: 0.5", "test_share: 0.25"));
+    place.tauflow(&["run", "small.yaml", "--target", "scenes", "--locked"]).ends(0);
+    let differs = place.tauflow(&["run", "small.yaml", "--target", "split", "--locked"]).ends(1);
+    assert!(differs.err.contains("`split.train` is ") && !differs.err.contains("sampling"), "{}", differs.err);
 }
 
 #[test]

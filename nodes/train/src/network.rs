@@ -7,12 +7,15 @@ pub(crate) mod features;
 #[cfg(test)]
 mod gradients;
 pub(crate) mod head;
+pub(crate) mod loss;
 #[cfg(any(test, feature = "gpu"))]
 mod on_device;
 #[cfg(test)]
 mod peer;
+mod structure;
 pub(crate) mod unet;
 
 pub use features::Features;
-pub use head::{Loss, Output};
+pub use head::Output;
+pub use loss::Loss;
 pub use unet::Preset;

@@ -407,8 +407,8 @@ impl OneTraining<'_> {
     ) -> Result<Vec<f64>, KindError> {
         let p = self.params;
         let multiple = trainer.network.multiple();
-        let side = train.side(p.crop, multiple)?;
-        let test_side = test.map(|t| t.side(p.crop, multiple)).transpose()?.unwrap_or(side);
+        let side = train.side(p.crop, multiple, p.loss)?;
+        let test_side = test.map(|t| t.side(p.crop, multiple, p.loss)).transpose()?.unwrap_or(side);
         let draw = Draw {
             seed: self.seed,
             batch: p.batch,

@@ -2,7 +2,9 @@
 
 use super::{
     features,
-    head::{self, Answer, Loss, Output, Shade},
+    head::{self, Answer, Output, Shade},
+    loss::{self, Loss},
+    structure,
     unet::{Preset, Unet},
 };
 use crate::{
@@ -154,7 +156,7 @@ fn gradients_of_head_and_loss() {
         inputs[0].0.iter().enumerate().map(|(i, v)| if i % 2 == 0 { v + 0.3 } else { v - 0.2 }).collect();
     let target = Arc::new(target);
     for loss in [Loss::Squared, Loss::Absolute] {
-        check(&inputs, |t| head::mean_loss(t[0].clone(), (target.clone(), None), target.len(), loss).reshape([1]));
+        check(&inputs, |t| loss::mean_loss(t[0].clone(), (target.clone(), None), target.len(), loss).reshape([1]));
     }
 }
 
@@ -169,10 +171,10 @@ fn gradients_of_the_tonal_loss() {
     let off = |i: usize| (if (i / 3 + i / 12).is_multiple_of(2) { 0.4 } else { -0.3 }) + 0.03 * (i % 7) as f32;
     let prediction: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + off(i)).collect();
     let target = Arc::new(target);
-    let shown = head::Shown { state, side, previews: None };
+    let shown = loss::Shown { state, side, previews: None, noise: None };
     let loss = |t: &[Tensor<4>]| {
         let judged = (target.clone(), Some(shown.clone()));
-        head::mean_loss(t[0].clone(), judged, target.len(), Loss::Tonal).reshape([1])
+        loss::mean_loss(t[0].clone(), judged, target.len(), Loss::Tonal).reshape([1])
     };
     check(&[(prediction, vec![2, side, side, 3])], loss);
     let at = |values: &[f32]| loss(&[tensor(values, [2, side, side, 3], &Device::flex())]).into_scalar::<f32>();
@@ -180,9 +182,10 @@ fn gradients_of_the_tonal_loss() {
     // A dark image that is off by 0.01 is worse than a bright one.
     let dark = Arc::new(vec![0.0; size]);
     let of = |log: f32| {
-        let (shown, target) = (head::Shown { state: dark.clone(), side, previews: None }, Arc::new(vec![-log; size]));
+        let (shown, target) =
+            (loss::Shown { state: dark.clone(), side, previews: None, noise: None }, Arc::new(vec![-log; size]));
         let off = tensor(&vec![-log - 0.01; size], [2, side, side, 3], &Device::flex());
-        head::mean_loss(off, (target, Some(shown)), size, Loss::Tonal).into_scalar::<f32>()
+        loss::mean_loss(off, (target, Some(shown)), size, Loss::Tonal).into_scalar::<f32>()
     };
     assert!(of(0.01) > 2.0 * of(1.0) && of(40.0) > 0.0 && of(40.0).is_finite(), "{} {}", of(0.01), of(1.0));
 }
@@ -197,10 +200,10 @@ fn gradients_of_the_loss_of_previews() {
     let prediction: Vec<f32> =
         target.iter().zip(numbers(5, size)).map(|(t, v)| t + 0.05f32.copysign(v) - 0.03 * v).collect();
     let target = Arc::new(target);
-    let shown = head::Shown { state, side, previews: None };
+    let shown = loss::Shown { state, side, previews: None, noise: None };
     let loss = |t: &[Tensor<4>]| {
         let judged = (target.clone(), Some(shown.clone()));
-        head::mean_loss(t[0].clone(), judged, target.len(), Loss::Preview).reshape([1])
+        loss::mean_loss(t[0].clone(), judged, target.len(), Loss::Preview).reshape([1])
     };
     check(&[(prediction, vec![2, side, side, 3])], loss);
     let at = |values: &[f32]| loss(&[tensor(values, [2, side, side, 3], &Device::flex())]).into_scalar::<f32>();
@@ -208,18 +211,18 @@ fn gradients_of_the_loss_of_previews() {
     // One image of one brightness that is off by a little: the square counts beside the difference of logarithms.
     let of = |log: f32, off: f32| {
         let state = Arc::new(vec![0.0; size]);
-        let (shown, target) = (head::Shown { state, side, previews: None }, Arc::new(vec![-log; size]));
+        let (shown, target) = (loss::Shown { state, side, previews: None, noise: None }, Arc::new(vec![-log; size]));
         let off = tensor(&vec![-log - off; size], [2, side, side, 3], &Device::flex());
-        f64::from(head::mean_loss(off, (target, Some(shown)), size, Loss::Preview).into_scalar::<f32>())
+        f64::from(loss::mean_loss(off, (target, Some(shown)), size, Loss::Preview).into_scalar::<f32>())
     };
     let seen = |log: f64| {
-        let radiance = log.exp() - 1.0 + f64::from(head::DIM);
+        let radiance = log.exp() - 1.0 + f64::from(loss::DIM);
         (radiance / (1.0 + radiance)).sqrt()
     };
     for (log, off) in [(0.01f32, 0.01f32), (1.0, 0.05), (40.0, 0.1)] {
         let (a, b) = (f64::from(log), f64::from(log + off));
         let square = if log < 30.0 { (seen(b) - seen(a)).powi(2) } else { 0.0 };
-        let expected = (b - a) + f64::from(head::PREVIEWS) * square;
+        let expected = (b - a) + f64::from(loss::PREVIEWS) * square;
         assert!((of(log, off) - expected).abs() < 1e-3 * expected, "{log}: {} {expected}", of(log, off));
     }
 }
@@ -234,26 +237,58 @@ fn gradients_of_the_unbiased_loss() {
     let off = |i: usize| if i.is_multiple_of(3) { 1.3 } else { -0.2 };
     let prediction: Vec<f32> = target.iter().enumerate().map(|(i, t)| t + off(i)).collect();
     let previews: Vec<f32> = numbers(6, size).iter().map(|v| 0.5 + 0.3 * v).collect();
-    let (target, shown) = (Arc::new(target), head::Shown { state, side, previews: Some(Arc::new(previews)) });
+    let (target, shown) =
+        (Arc::new(target), loss::Shown { state, side, previews: Some(Arc::new(previews)), noise: None });
     let loss = |t: &[Tensor<4>]| {
         let judged = (target.clone(), Some(shown.clone()));
-        head::mean_loss(t[0].clone(), judged, target.len(), Loss::UnbiasedPreview).reshape([1])
+        loss::mean_loss(t[0].clone(), judged, target.len(), Loss::UnbiasedPreview).reshape([1])
     };
     check(&[(prediction, vec![2, side, side, 3])], loss);
     // Two even images, off by 1.5 and 0.2 in the logarithm, with previews off by 0.1 and 0.2: each image counts by the
     // logarithms of its own mean squares, and its size beyond 1.
     let radiance = 1.5f32;
     let halves = |a: f32, b: f32| [a, b].map(|v| vec![v; size / 2]).concat();
-    let seen = head::preview_of(radiance);
+    let seen = loss::preview_of(radiance);
     let previews = Some(Arc::new(halves(seen - 0.1, seen + 0.2)));
-    let shown = head::Shown { state: Arc::new(vec![0.0; size]), side, previews };
+    let shown = loss::Shown { state: Arc::new(vec![0.0; size]), side, previews, noise: None };
     let log = radiance.ln_1p();
     let predicted = tensor(&vec![-log; size], [2, side, side, 3], &Device::flex());
     let judged = (Arc::new(halves(-log - 1.5, -log + 0.2)), Some(shown));
-    let found = head::mean_loss(predicted, judged, size, Loss::UnbiasedPreview).into_scalar::<f32>();
-    let of = |square: f32| (square / head::NEGLIGIBLE).ln_1p();
-    let expected = 0.25 * (of(2.0) + of(0.04) + of(head::PREVIEWS * 0.01) + of(head::PREVIEWS * 0.04));
+    let found = loss::mean_loss(predicted, judged, size, Loss::UnbiasedPreview).into_scalar::<f32>();
+    let of = |square: f32| (square / loss::NEGLIGIBLE).ln_1p();
+    let expected = 0.25 * (of(2.0) + of(0.04) + of(loss::PREVIEWS * 0.01) + of(loss::PREVIEWS * 0.04));
     assert!((found - expected).abs() < 1e-4 * expected, "{found} {expected}");
+}
+
+#[test]
+fn gradients_of_the_structural_loss() {
+    let (side, size) = (13, 2 * 13 * 13 * 3);
+    let clean: Vec<f32> = numbers(3, size).iter().map(|v| 1.1 + v).collect();
+    let state = Arc::new(numbers(4, size));
+    let target: Vec<f32> = state.iter().zip(&clean).map(|(state, clean)| state - clean).collect();
+    let prediction: Vec<f32> = target.iter().zip(numbers(7, size)).map(|(t, by)| t - 0.2 + 0.1 * by).collect();
+    let previews: Vec<f32> = numbers(6, size).iter().map(|v| 0.5 + 0.3 * v).collect();
+    let noise: Vec<f32> = numbers(8, size).iter().map(|v| 0.02 * v.abs()).collect();
+    let images: Vec<f32> =
+        state.iter().zip(&prediction).map(|(state, p)| loss::preview_of((state - p).max(0.0).exp_m1())).collect();
+    let lacking: f64 = [0, 1]
+        .map(|example| example * size / 2..(example + 1) * size / 2)
+        .map(|of| structure::Windows::new(&images[of.clone()], &previews[of.clone()], &noise[of], side))
+        .iter()
+        .map(|windows| 1.0 - windows.similarity())
+        .sum();
+    let shown = loss::Shown { state, side, previews: Some(Arc::new(previews)), noise: Some(Arc::new(noise)) };
+    let target = Arc::new(target);
+    let of = |t: &[Tensor<4>], by: Loss| {
+        let judged = (target.clone(), Some(shown.clone()));
+        loss::mean_loss(t[0].clone(), judged, target.len(), by).reshape([1])
+    };
+    check(&[(prediction.clone(), vec![2, side, side, 3])], |t| of(t, Loss::Structural));
+    let predicted = [tensor(&prediction, [2, side, side, 3], &Device::flex())];
+    let [with, without] =
+        [Loss::Structural, Loss::UnbiasedPreview].map(|by| f64::from(of(&predicted, by).into_scalar::<f32>()));
+    let expected = f64::from(loss::STRUCTURE) * lacking / 2.0;
+    assert!((with - without - expected).abs() < 1e-4 * with, "{with} {without} {expected}");
 }
 
 #[test]
@@ -295,7 +330,7 @@ fn gradients_of_the_network(output: Output, preset: Preset, tau: Option<f64>) {
         let sample = features::Sample { state: &state, gbuffer: Some(&gbuffer), tau };
         let inputs = encoding.inputs(device, &[sample], 16, 16);
         (
-            head::mean_loss(
+            loss::mean_loss(
                 network.forward(&tensors, inputs, Convolutions::Direct),
                 (target.clone(), None),
                 target.len(),

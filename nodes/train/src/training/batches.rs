@@ -5,7 +5,7 @@ use crate::{
     model::Model,
     network::{
         features::{Encoding, Sample},
-        head::{Loss, Shown, preview_of},
+        loss::{Loss, Shown, preview_of},
     },
     parameterization::ParameterizationMaths as _,
     rollout::{Course, rollout},
@@ -26,6 +26,8 @@ pub(crate) struct DataSet {
     scenes: Vec<PackedScene>,
     /// Whether targets are corrected for the bias that noise has after a curve.
     unbiased: bool,
+    /// Whether the noise of their previews must be known.
+    with_noise: bool,
 }
 
 /// Examples of one shape: what the network is told, and what it should say.
@@ -37,6 +39,8 @@ pub(crate) struct Batch {
     pub(crate) targets: Arc<Vec<f32>>,
     /// The previews of the clean images, [N, H, W, 3], if targets are corrected.
     previews: Option<Arc<Vec<f32>>>,
+    /// The variance of the noise in these previews, if the loss needs it.
+    noise: Option<Arc<Vec<f32>>>,
     /// Height and width.
     pub(crate) side: usize,
 }
@@ -48,6 +52,8 @@ struct Example {
     target: Vec<f32>,
     /// The target's previews; empty if targets are not corrected.
     previews: Vec<f32>,
+    /// The variance of their noise; empty where it is not needed.
+    noise: Vec<f32>,
     /// [H, W, 6].
     gbuffer: Option<Vec<f32>>,
 }
@@ -199,7 +205,7 @@ impl DataSet {
             Conditioning::Rgb => PackedScene { gbuffer: None, ..scene },
         };
         let scenes = scenes.into_iter().map(|(_, scene)| kept(scene)).collect();
-        Ok(Self { counts, sampler, scenes, unbiased: false })
+        Ok(Self { counts, sampler, scenes, unbiased: false, with_noise: false })
     }
 
     /// The same scenes, with the targets that a loss asks for.
@@ -209,12 +215,12 @@ impl DataSet {
     pub(crate) fn for_loss(self, loss: Loss) -> Result<Self, KindError> {
         if loss.is_unbiased() && !self.sampler.is_independent() {
             return Err(KindError::Input(
-                "`loss: unbiased_preview` needs independent samples, but those of the scenes are correlated; render \
-                them with `sampler: independent`, or use `loss: preview`"
+                "`loss: unbiased_preview` and `loss: structural` need independent samples, but those of the scenes are \
+                correlated; render them with `sampler: independent`, or use `loss: preview`"
                     .into(),
             ));
         }
-        Ok(Self { unbiased: loss.is_unbiased(), ..self })
+        Ok(Self { unbiased: loss.is_unbiased(), with_noise: loss.is_structural(), ..self })
     }
 
     /// Whether all scenes have the whole ladder.
@@ -235,15 +241,16 @@ impl DataSet {
     /// allow.
     ///
     /// # Errors
-    /// If an image is smaller than the network's coarsest pixel.
-    pub(crate) fn side(&self, wanted: usize, multiple: usize) -> Result<usize, KindError> {
+    /// If an image is smaller than the network's coarsest pixel, or than what the loss judges.
+    pub(crate) fn side(&self, wanted: usize, multiple: usize, loss: Loss) -> Result<usize, KindError> {
         let sizes = self.scenes.iter().map(size);
         let (width, height) = sizes.min_by_key(|(width, height)| width.min(height).to_owned()).unwrap_or_default();
         let side = wanted.min(width).min(height) / multiple * multiple;
-        if side == 0 {
+        if side < loss.least_side() {
+            let least = loss.least_side().next_multiple_of(multiple);
             return Err(KindError::Input(format!(
-                "a crop of {wanted} pixels from images of {width} x {height} is below the minimum of {multiple} \
-                pixels; increase `crop` or `resolution`"
+                "a crop of {wanted} pixels from images of {width} x {height} is below the minimum of {least} pixels; \
+                increase `crop` or `resolution`"
             )));
         }
         Ok(side)
@@ -344,17 +351,20 @@ impl DataSet {
         let examples: Vec<_> = picks.par_iter().map(|pick| self.example(encoding, pick, side)).collect();
         let mut targets = Vec::with_capacity(picks.len() * side * side * 3);
         let mut previews = Vec::with_capacity(if self.unbiased { targets.capacity() } else { 0 });
+        let mut noise = Vec::with_capacity(if self.with_noise { targets.capacity() } else { 0 });
         let mut batch = Batch {
             states: Vec::new(),
             gbuffers: Vec::new(),
             tau: Vec::new(),
             targets: Arc::default(),
             previews: None,
+            noise: None,
             side,
         };
         for (pick, example) in picks.iter().zip(examples) {
             targets.extend(example.target);
             previews.extend(example.previews);
+            noise.extend(example.noise);
             batch.states.push(example.state);
             batch.gbuffers.push(example.gbuffer);
             let tau =
@@ -363,13 +373,14 @@ impl DataSet {
         }
         batch.targets = Arc::new(targets);
         batch.previews = self.unbiased.then(|| Arc::new(previews));
+        batch.noise = self.with_noise.then(|| Arc::new(noise));
         batch
     }
 
     /// The window of a pick, with the target that the network learns.
     fn example(&self, encoding: &Encoding, pick: &Pick, side: usize) -> Example {
         let patches = |scene: usize| pick.patches.map(|seed| Patches::draw(seed, side, &self.scenes[scene].counts));
-        let read = |scene: usize, patches: Option<&Patches>| -> [Vec<f32>; 3] {
+        let read = |scene: usize, patches: Option<&Patches>| -> [Vec<f32>; 4] {
             let counts = &self.scenes[scene].counts;
             let lesson =
                 encoding.factors.parameterization().lesson(&encoding.factors.clock(), counts, pick.rung, pick.t);
@@ -384,6 +395,7 @@ impl DataSet {
             let second = pick.tiles.map_or(lesson.from, |tiles| tiles.rung);
             let mut halves = self.unbiased.then(|| rung(lesson.to - 1));
             let mut previews = Vec::with_capacity(if self.unbiased { 3 * side * side } else { 0 });
+            let mut noise = Vec::with_capacity(if self.with_noise { 3 * side * side } else { 0 });
             let triples = rung(lesson.from).zip(rung(second)).zip(rung(lesson.to)).enumerate();
             let pixels = triples.map(|(i, ((first, second_state), all))| {
                 let tiled = pick.tiles.is_some_and(|tiles| tiles.has(i % side, i / side));
@@ -397,20 +409,24 @@ impl DataSet {
                 if let Some(half) = halves.as_mut().and_then(Iterator::next) {
                     for c in [0, 1, 2] {
                         let rungs = [(from[c], from_count), (half[c], half_count), (all[c], to_count)];
-                        ends[c] = unbiased(rungs, pick.apart, encode);
-                        previews.push(unbiased(rungs, pick.apart, preview));
+                        ends[c] = unbiased(rungs, pick.apart, encode).0;
+                        let (shown, variance) = unbiased(rungs, pick.apart, preview);
+                        previews.push(shown);
+                        if self.with_noise {
+                            noise.push(variance);
+                        }
                     }
                 }
                 let parts = [0, 1, 2].map(|c| lesson.example(encode(from[c]), ends[c]));
                 (parts.map(|(state, _)| state), parts.map(|(_, target)| target))
             });
             let (states, targets): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.unzip();
-            [states.into_flattened(), targets.into_flattened(), previews]
+            [states.into_flattened(), targets.into_flattened(), previews, noise]
         };
         let own = patches(pick.scene);
-        let [state, mut target, mut previews] = read(pick.scene, own.as_ref());
+        let [state, mut target, mut previews, mut noise] = read(pick.scene, own.as_ref());
         if pick.target != pick.scene {
-            [_, target, previews] = read(pick.target, patches(pick.target).as_ref());
+            [_, target, previews, noise] = read(pick.target, patches(pick.target).as_ref());
         }
         let gbuffer = self.scenes[pick.scene].gbuffer.as_ref().filter(|_| encoding.gbuffer);
         let gbuffer = gbuffer.map(|gbuffer| {
@@ -420,7 +436,7 @@ impl DataSet {
             }
             gbuffer
         });
-        Example { state, target, previews, gbuffer }
+        Example { state, target, previews, noise, gbuffer }
     }
 }
 
@@ -431,7 +447,7 @@ fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
     if all.0 >= 0.0 { rest.max(0.0) } else { rest }
 }
 
-/// An estimate of f at the expectation of a target, whose bias is of second order.
+/// An estimate of f at the expectation of a target, whose bias is of second order, and an estimate of its variance.
 ///
 /// The rungs are those of the input, the second last, and the last, nested, each a mean with its sample count. The
 /// target is the mean of the samples that the input lacks, or, if it is not `apart`, of all samples: then only those
@@ -439,18 +455,21 @@ fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
 ///
 /// The bias of f(mean of n samples) is proportional to 1/n up to higher orders: weighted by their samples, two groups
 /// have twice the bias of both together (the jackknife of Quenouille 1956). Groups with samples of the input would make
-/// the correction depend on its noise. An input of the second-last rung leaves one group, and no correction.
-fn unbiased(rungs: [(f32, f32); 3], apart: bool, f: impl Fn(f32) -> f32) -> f32 {
+/// the correction depend on its noise. An input of the second-last rung leaves one group, no correction, and a
+/// variance of 0.
+fn unbiased(rungs: [(f32, f32); 3], apart: bool, f: impl Fn(f32) -> f32) -> (f32, f32) {
     let [input, half, all] = rungs;
     let lacking = all.1 - input.1;
     let target = |rest: f32| if apart { rest } else { (input.1 * input.0 + lacking * rest) / all.1 };
     let whole = f(if apart { others(input, all) } else { all.0 });
     if half.1 <= input.1 {
-        return whole;
+        return (whole, 0.0);
     }
     let share = (half.1 - input.1) / lacking;
-    let groups = share * f(target(others(input, half))) + (1.0 - share) * f(target(others(half, all)));
-    2.0 * whole - groups
+    let (first, second) = (f(target(others(input, half))), f(target(others(half, all))));
+    let groups = share * first + (1.0 - share) * second;
+    // Means of n and m samples differ with a variance of s (1/n + 1/m), and that of all has s/(n + m).
+    (2.0 * whole - groups, share * (1.0 - share) * (first - second) * (first - second))
 }
 
 /// Width and height of a scene's images.
@@ -521,12 +540,16 @@ impl Batch {
         let size = self.targets.len() / examples.max(1);
         let part = |i: usize| {
             let of = i * examples / count..(i + 1) * examples / count;
+            let part_of = |values: &Option<Arc<Vec<f32>>>| {
+                values.as_ref().map(|values| Arc::new(values[of.start * size..of.end * size].to_vec()))
+            };
             Self {
                 states: self.states[of.clone()].to_vec(),
                 gbuffers: self.gbuffers[of.clone()].to_vec(),
                 tau: self.tau[of.clone()].to_vec(),
                 targets: Arc::new(self.targets[of.start * size..of.end * size].to_vec()),
-                previews: self.previews.as_ref().map(|p| Arc::new(p[of.start * size..of.end * size].to_vec())),
+                previews: part_of(&self.previews),
+                noise: part_of(&self.noise),
                 side: self.side,
             }
         };
@@ -535,7 +558,8 @@ impl Batch {
 
     /// The states as images.
     pub(crate) fn shown(&self) -> Shown {
-        Shown { state: Arc::new(self.states.concat()), side: self.side, previews: self.previews.clone() }
+        let (previews, noise) = (self.previews.clone(), self.noise.clone());
+        Shown { state: Arc::new(self.states.concat()), side: self.side, previews, noise }
     }
 
     /// The examples as the network's samples.

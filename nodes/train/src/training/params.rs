@@ -215,6 +215,11 @@ impl TrainingParams {
                 format!("a crop of {} pixels is below the minimum of `{}`, {least}", self.crop, self.preset.name());
             problems.push(ParamProblem::new("/crop", message, format!("use {least} or more")));
         }
+        if self.crop < self.loss.least_side() {
+            let least = self.loss.least_side();
+            let message = format!("a crop of {} pixels is below the window of `loss: structural`, {least}", self.crop);
+            problems.push(ParamProblem::new("/crop", message, format!("use {} or more", least.next_multiple_of(8))));
+        }
         if self.rung_exponent != 0.0 && self.parameterization == Parameterization::VanillaRf {
             problems.push(ParamProblem::new(
                 "/rung_exponent",
@@ -239,8 +244,8 @@ impl TrainingParams {
         if self.loss.of_images() && (self.parameterization, self.space) != (Parameterization::McNoise, Space::Log1p) {
             problems.push(ParamProblem::new(
                 "/loss",
-                "`tonal`, `preview` and `unbiased_preview` compare clean images in logarithms, which only `mc_noise` \
-                with `space: log1p` predicts",
+                "`tonal`, `preview`, `unbiased_preview` and `structural` compare clean images in logarithms, \
+                which only `mc_noise` with `space: log1p` predicts",
                 "use `absolute`, or `mc_noise` and `log1p`",
             ));
         }
@@ -316,6 +321,8 @@ mod tests {
         assert!(of(Parameterization::McNoise).is_empty());
         assert_eq!(of(Parameterization::LocalVelocity)[0].pointer, "/loss");
         assert_eq!(TrainingParams { space: Space::Linear, ..tonal.clone() }.problems()[0].pointer, "/loss");
+        let small = TrainingParams { loss: Loss::Structural, crop: 8, ..tonal.clone() };
+        assert!(small.problems()[0].pointer == "/crop" && small.problems()[0].message.contains("11"));
         let shown = TrainingParams { loss: Loss::Preview, ..tonal };
         assert!(shown.problems().is_empty());
         assert_eq!(TrainingParams { space: Space::Linear, ..shown }.problems()[0].pointer, "/loss");

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     device::Place,
-    network::{Loss, features::Encoding, head::mean_loss, unet::Unet},
+    network::{Loss, features::Encoding, loss::mean_loss, unet::Unet},
 };
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;

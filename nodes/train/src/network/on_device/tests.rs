@@ -8,7 +8,7 @@ use crate::{
     network::{
         Features, Output, Preset,
         features::{Encoding, Sample},
-        head::mean_loss,
+        loss::mean_loss,
     },
     space::Space,
 };
@@ -104,11 +104,14 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
     let blend = Blend { fits: Arc::new(numbers(21, 900)) };
     let shares = numbers(23, 300).iter().map(|v| 9.0 * v).collect();
     all.push(("Blend".into(), difference(blend, [numbers(22, 300), shares], device)));
-    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal, Loss::Preview, Loss::UnbiasedPreview] {
-        let previews = loss.is_unbiased().then(|| Arc::new(numbers(12, 2 * 8 * 8 * 3)));
-        let shown = loss.of_images().then(|| Shown { state: Arc::new(numbers(10, 2 * 8 * 8 * 3)), side: 8, previews });
-        let loss = MeanLoss { target: Arc::new(numbers(8, 2 * 8 * 8 * 3)), count: 900, loss, shown };
-        all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, 2 * 8 * 8 * 3)], device)));
+    let (side, size) = (14, 2 * 14 * 14 * 3);
+    for loss in [Loss::Squared, Loss::Absolute, Loss::Tonal, Loss::Preview, Loss::UnbiasedPreview, Loss::Structural] {
+        let previews = loss.is_unbiased().then(|| Arc::new(numbers(12, size)));
+        let noise = loss.is_structural().then(|| Arc::new(numbers(13, size).iter().map(|v| 0.1 * v.abs()).collect()));
+        let state = Arc::new(numbers(10, size));
+        let shown = loss.of_images().then(|| Shown { state, side, previews, noise });
+        let loss = MeanLoss { target: Arc::new(numbers(8, size)), count: 900, loss, shown };
+        all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, size)], device)));
     }
     all
 }

@@ -40,7 +40,7 @@ fn sized(width: usize, height: usize, of: f32) -> PackedScene {
 fn films_of_several_sizes_give_windows_from_all_over_each() {
     let scenes = vec![("small", sized(12, 10, 0.0)), ("large", sized(20, 16, 100_000.0))];
     let set = DataSet::new(scenes, "train", Conditioning::Gbuffer).expect("rungs are the same");
-    assert_eq!((set.side(64, 2).expect("fits"), set.side(9, 4).expect("fits")), (10, 8));
+    assert_eq!((set.side(64, 2, Loss::Squared).expect("fits"), set.side(9, 4, Loss::Squared).expect("fits")), (10, 8));
     let encoding = encoding(Parameterization::McNoise);
     let mut seen = [BTreeSet::new(), BTreeSet::new()];
     for step in 0..400 {
@@ -171,21 +171,24 @@ fn corrected_targets_are_those_of_each_pixels_own_rung() {
         let apart = draw.independent_targets;
         let mut seen = BTreeSet::new();
         for (loss, step) in
-            [Loss::UnbiasedPreview, Loss::Preview].into_iter().flat_map(|loss| [0, 1].map(|i| (loss, i)))
+            [Loss::UnbiasedPreview, Loss::Structural, Loss::Preview].into_iter().flat_map(|loss| [(loss, 0), (loss, 1)])
         {
             let set = even(&RUNGS).for_loss(loss).expect("independent samples");
             let batch = set.draw(&encoding, &draw, step);
             for (at, (state, target)) in batch.states.concat().iter().zip(batch.targets.iter()).enumerate() {
                 let rung = RUNGS.iter().position(|(_, value)| (value.ln_1p() - state).abs() < 1e-6).expect("a rung");
                 let input = (RUNGS[rung].1, RUNGS[rung].0 as f32);
+                let corrected = |f: &dyn Fn(f32) -> f32| unbiased([input, (0.2, 8.0), (0.3, 16.0)], apart, f);
                 let expected = |f: &dyn Fn(f32) -> f32| match loss {
-                    Loss::UnbiasedPreview => unbiased([input, (0.2, 8.0), (0.3, 16.0)], apart, f),
-                    _ => f(if apart { others(input, (0.3, 16.0)) } else { 0.3 }),
+                    Loss::Preview => f(if apart { others(input, (0.3, 16.0)) } else { 0.3 }),
+                    _ => corrected(f).0,
                 };
                 let log = state - target;
                 assert!((log - expected(&f32::ln_1p)).abs() < 1e-5, "{rung}: {log} {}", expected(&f32::ln_1p));
                 let preview = batch.previews.as_ref().map(|previews| previews[at]);
-                assert_eq!(preview.is_some(), loss == Loss::UnbiasedPreview);
+                assert_eq!(preview.is_some(), loss.is_unbiased());
+                let noise = batch.noise.as_ref().map(|noise| noise[at]);
+                assert_eq!(noise, loss.is_structural().then(|| corrected(&preview_of).1));
                 assert!(preview.is_none_or(|preview| (preview - expected(&preview_of)).abs() < 1e-5));
                 seen.insert(rung);
             }
@@ -208,6 +211,8 @@ fn corrections_have_no_bias_whatever_the_noise_of_the_input() {
         for apart in [false, true] {
             // By group, curve, and whether it is corrected: draws, sum and sum of squares of the errors.
             let mut found = [[[[0.0; 3]; 2]; 2]; 3];
+            // The variances that are estimated for the second curve.
+            let mut variances = [0.0; 3];
             for _ in 0..DRAWS {
                 let sums = [exponential(count), exponential(16 - count), exponential(16)];
                 let mean = |sum: f64, count: usize| ((sum / count as f64) as f32, count as f32);
@@ -224,14 +229,18 @@ fn corrections_have_no_bias_whatever_the_noise_of_the_input() {
                 let clean = if apart { 0.3 } else { (sums[0] as f32 + 0.3 * (32 - count) as f32) / 32.0 };
                 let plain = if apart { others(rungs[0], rungs[2]) } else { rungs[2].0 };
                 let curves: [&dyn Fn(f32) -> f32; 2] = [&f32::ln_1p, &preview_of];
+                variances[group] += f64::from(unbiased(rungs, apart, preview_of).1);
                 for (found, f) in found[group].iter_mut().zip(curves) {
-                    for (found, value) in found.iter_mut().zip([f(plain), unbiased(rungs, apart, f)]) {
+                    for (found, value) in found.iter_mut().zip([f(plain), unbiased(rungs, apart, f).0]) {
                         let error = f64::from(value - f(clean));
                         found.iter_mut().zip([1.0, error, error * error]).for_each(|(sum, part)| *sum += part);
                     }
                 }
             }
             for (group, found) in found.iter().enumerate() {
+                let [draws, sum, squares] = found[1][0];
+                let (estimated, variance) = (variances[group] / draws, squares / draws - (sum / draws).powi(2));
+                assert!((estimated / variance - 1.0).abs() < 0.25, "{group}: {estimated} {variance}");
                 let of = |[draws, sum, squares]: [f64; 3]| {
                     let mean = sum / draws;
                     (mean, mean / ((squares / draws - mean * mean) / draws).sqrt())
@@ -476,6 +485,8 @@ fn a_batch_depends_on_seed_and_step_alone() {
     let varied = Draw { exposure_jitter: 2.0, permute_colours: true, ..draw };
     let (plain, varied) = (set.draw(&encoding, &draw, 7), set.draw(&encoding, &varied, 7));
     assert_ne!(plain.states, varied.states);
-    assert_eq!(set.side(128, 8).expect("12 pixels"), 8);
-    assert!(set.side(4, 8).is_err());
+    assert_eq!(set.side(128, 8, Loss::Squared).expect("12 pixels"), 8);
+    assert!(set.side(4, 8, Loss::Squared).is_err());
+    let told = set.side(128, 8, Loss::Structural).expect_err("its window has 11 pixels").to_string();
+    assert!(told.contains("12 x 12") && told.contains("the minimum of 16 pixels"), "{told}");
 }
