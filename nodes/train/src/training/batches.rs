@@ -1,5 +1,12 @@
 //! Training batches out of packed scenes, all in memory. The batch of a step is a function of the seed and the step.
 
+mod pick;
+mod targets;
+
+use self::{
+    pick::{COLOURS, Pick, Tiles},
+    targets::{others, unbiased},
+};
 use super::patches::Patches;
 use crate::{
     model::Model,
@@ -58,63 +65,8 @@ struct Example {
     gbuffer: Option<Vec<f32>>,
 }
 
-/// One example: which scene, rung, window and turn.
-#[derive(Clone, Copy, Debug)]
-struct Pick {
-    scene: usize,
-    /// The scene that the target is taken from: `scene`, unless targets are shuffled.
-    target: usize,
-    rung: usize,
-    t: f64,
-    left: usize,
-    top: usize,
-    /// 0..8: quarter turns, and a flip from 4 on.
-    turn: usize,
-    /// The exposure factor.
-    scale: f32,
-    /// Which of the six orders of the colours.
-    colours: usize,
-    /// Whether the network is told the sample count.
-    told: bool,
-    /// Whether the target leaves out the samples of the input.
-    apart: bool,
-    /// The seed of the patches that partly cover the window, if there are any.
-    patches: Option<u64>,
-    /// Where the state is that of a different rung; none if all of it is of `rung`.
-    tiles: Option<Tiles>,
-}
-
-/// Square tiles of two rungs, like a chessboard: an image of uneven sample counts.
-#[derive(Clone, Copy, Debug)]
-struct Tiles {
-    /// The rung of every second tile.
-    rung: usize,
-    /// Pixels of a tile's side.
-    side: usize,
-    /// Where the first tile begins, left of and above the window.
-    offset: [usize; 2],
-}
-
-/// The smallest and the largest side of tiles, in pixels.
-const TILES: [usize; 2] = [8, 32];
-
-impl Tiles {
-    fn draw(stream: &mut Stream, rungs: usize) -> Self {
-        let side = TILES[0] + stream.below(TILES[1] - TILES[0] + 1);
-        Self { rung: stream.below(rungs), side, offset: [0, 1].map(|_| stream.below(2 * side)) }
-    }
-
-    /// Whether a pixel of the window is in a tile of the different rung.
-    fn has(&self, x: usize, y: usize) -> bool {
-        ((x + self.offset[0]) / self.side + (y + self.offset[1]) / self.side) % 2 == 1
-    }
-}
-
 /// Test scenes whose gain is watched during training.
 const WATCHED: usize = 8;
-
-/// Orders of the colours; the first leaves them.
-const COLOURS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
 impl DataSet {
     /// Loads a collection of packed scenes.
@@ -440,38 +392,6 @@ impl DataSet {
     }
 }
 
-/// The mean of the samples of `all` that are not in `some`; both are means with their sample counts, and `some` is
-/// nested in `all`. Rounding gives no negative radiance.
-fn others(some: (f32, f32), all: (f32, f32)) -> f32 {
-    let rest = (all.0 * all.1 - some.0 * some.1) / (all.1 - some.1);
-    if all.0 >= 0.0 { rest.max(0.0) } else { rest }
-}
-
-/// An estimate of f at the expectation of a target, whose bias is of second order, and an estimate of its variance.
-///
-/// The rungs are those of the input, the second last, and the last, nested, each a mean with its sample count. The
-/// target is the mean of the samples that the input lacks, or, if it is not `apart`, of all samples: then only those
-/// that the input lacks are noise.
-///
-/// The bias of f(mean of n samples) is proportional to 1/n up to higher orders: weighted by their samples, two groups
-/// have twice the bias of both together (the jackknife of Quenouille 1956). Groups with samples of the input would make
-/// the correction depend on its noise. An input of the second-last rung leaves one group, no correction, and a
-/// variance of 0.
-fn unbiased(rungs: [(f32, f32); 3], apart: bool, f: impl Fn(f32) -> f32) -> (f32, f32) {
-    let [input, half, all] = rungs;
-    let lacking = all.1 - input.1;
-    let target = |rest: f32| if apart { rest } else { (input.1 * input.0 + lacking * rest) / all.1 };
-    let whole = f(if apart { others(input, all) } else { all.0 });
-    if half.1 <= input.1 {
-        return (whole, 0.0);
-    }
-    let share = (half.1 - input.1) / lacking;
-    let (first, second) = (f(target(others(input, half))), f(target(others(half, all))));
-    let groups = share * first + (1.0 - share) * second;
-    // Means of n and m samples differ with a variance of s (1/n + 1/m), and that of all has s/(n + m).
-    (2.0 * whole - groups, share * (1.0 - share) * (first - second) * (first - second))
-}
-
 /// Width and height of a scene's images.
 fn size(scene: &PackedScene) -> (usize, usize) {
     scene.states.first().map(|s| (s.width(), s.height())).unwrap_or_default()
@@ -566,50 +486,6 @@ impl Batch {
     pub(crate) fn samples(&self) -> Vec<Sample<'_>> {
         let parts = self.states.iter().zip(&self.gbuffers).zip(&self.tau);
         parts.map(|((state, gbuffer), tau)| Sample { state, gbuffer: gbuffer.as_deref(), tau: *tau }).collect()
-    }
-}
-
-impl Pick {
-    /// For each pixel of the turned window, where it lies in an image of this width and height; the window is moved in
-    /// where another scene's image is smaller.
-    fn places(&self, (width, height): (usize, usize), side: usize) -> Vec<usize> {
-        let (left, top) = (self.left.min(width - side), self.top.min(height - side));
-        let place = |x: usize, y: usize| {
-            let x = if self.turn >= 4 { side - 1 - x } else { x };
-            let (x, y) = match self.turn % 4 {
-                0 => (x, y),
-                1 => (y, side - 1 - x),
-                2 => (side - 1 - x, side - 1 - y),
-                _ => (side - 1 - y, x),
-            };
-            (top + y) * width + left + x
-        };
-        (0..side * side).map(|i| place(i % side, i / side)).collect()
-    }
-
-    /// The first three channels of the pixels at these places, in this pick's order.
-    fn colours(&self, image: &Image, places: &[usize]) -> impl Iterator<Item = [f32; 3]> {
-        let (data, channels, order) = (image.data(), image.channels(), COLOURS[self.colours]);
-        places.iter().map(move |at| {
-            let pixel = &data[at * channels..at * channels + 3];
-            order.map(|c| pixel[c])
-        })
-    }
-
-    /// Pixels of a G-buffer at these places, colours in order, normals (right, up, back) turned as the places are.
-    fn turned(&self, gbuffer: &Image, places: &[usize]) -> Vec<f32> {
-        let normals = places.iter().map(|at| {
-            let [right, up, back] = [3, 4, 5].map(|c| gbuffer.data()[6 * at + c]);
-            let [right, up] = match self.turn % 4 {
-                0 => [right, up],
-                1 => [up, -right],
-                2 => [-right, -up],
-                _ => [-up, right],
-            };
-            [if self.turn >= 4 { -right } else { right }, up, back]
-        });
-        let pixels: Vec<[[f32; 3]; 2]> = self.colours(gbuffer, places).zip(normals).map(<[_; 2]>::from).collect();
-        pixels.into_flattened().into_flattened()
     }
 }
 
