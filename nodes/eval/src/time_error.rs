@@ -35,7 +35,7 @@ const RENDERED: All<Refined> =
     All::new("rendered", "Images of other renderers, by cell and scene; not exposed.").or_none();
 const RENDERED_TIMES: All<Timing> =
     All::new("rendered_times", "Times of both: `timing` of the nodes that produced them.").or_none();
-const MAIN: Group = Group::main(10);
+const MAIN: Group = Group::main(11);
 // It measures nothing itself: the same times give the same tables.
 const TABLES: Out<TimeError> = Out::new(MAIN, "tables", "Errors, times and derived figures per method.").single();
 

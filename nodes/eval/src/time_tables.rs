@@ -94,6 +94,8 @@ pub(crate) fn summarise(
 /// Scenes that are summed up together.
 struct Together<'a> {
     scenes: Vec<&'a Measured>,
+    /// How many groups they are of; none where each stands for itself.
+    groups: Option<u64>,
     resampled: Resampled,
 }
 
@@ -123,7 +125,8 @@ impl<'a> Together<'a> {
         let resampled =
             if points > 0 { Resampled::new(&table, resamples as usize, seed) } else { Resampled::new(&one(), 1, 0) };
         let resampled = resampled.ok_or_else(|| KindError::Internal("a group without scenes".into()))?;
-        Ok(Self { scenes, resampled })
+        let groups = groups.count(scenes.iter().map(|of| of.scene.as_str()))?;
+        Ok(Self { scenes, groups, resampled })
     }
 
     fn samples(&self, method: usize, point: usize) -> Vec<&'a Sample> {
@@ -165,6 +168,7 @@ impl<'a> Together<'a> {
         let mean = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| of(s)).sum::<f64>() / samples.len() as f64;
         TimedSummary {
             scenes: samples.len() as u64,
+            groups: self.groups,
             wall_s: quartiles(samples.iter().map(|s| s.wall_s[1])),
             cpu_s: quartiles(samples.iter().map(|s| s.cpu_s[1])),
             mse: exp(mean(&|s| log(s.mse))),
@@ -229,7 +233,11 @@ fn targets(scenes: &[&Measured], method: usize, params: &TimeErrorParams) -> Vec
 mod tests {
     use super::*;
     use crate::time_samples::tests::{near, sample, scene};
-    use tauflow_data::maths::log10;
+    use tauflow_data::{
+        maths::log10,
+        records::{SceneGroup, SplitReport},
+        scene::Side,
+    };
 
     #[test]
     fn summaries_say_what_was_put_in() {
@@ -281,6 +289,25 @@ mod tests {
         near(crossover.mean, (100.0 * 200.0f64).sqrt());
         near(crossover.low, 100.0);
         near(crossover.high, 200.0);
+    }
+
+    #[test]
+    fn strata_say_of_how_many_groups_they_are() {
+        let scenes: Vec<Measured> = (0..4).map(scene).collect();
+        let keys: Vec<String> = scenes.iter().map(|of| of.scene.clone()).collect();
+        let group = |of: &[usize]| SceneGroup {
+            signature: keys[of[0]].clone(),
+            side: Side::Test,
+            items: of.iter().map(|at| keys[*at].clone()).collect(),
+        };
+        // Even scenes are in one stratum, odd ones in the other.
+        let groups = vec![group(&[0, 2]), group(&[1]), group(&[3])];
+        let groups = Groups::of_split(&SplitReport { groups, ..SplitReport::default() });
+        let result = summarise(&scenes, &groups, &TimeErrorParams::default(), 1, Vec::new(), 1).expect("alike");
+        let point = &result.methods[1].points[0];
+        let of = |summary: &TimedSummary| (summary.groups, summary.has_intervals());
+        let [even, odd] = [0, 1].map(|at| of(&point.strata[keys[at].rsplit_once('-').expect("a stratum").0]));
+        assert_eq!((of(&point.all), even, odd), ((Some(3), true), (Some(1), false), (Some(2), true)));
     }
 
     #[test]

@@ -81,7 +81,7 @@ impl Default for ReportParams {
 }
 
 const PAGE: Out<Files> =
-    Out::new(Group::main(24), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
+    Out::new(Group::main(25), "report", "The page, and its figures as JSON, CSV, LaTeX and PNG.").single().published();
 
 impl Kind for Report {
     type Params = ReportParams;

@@ -217,7 +217,9 @@ fn single(scenes: u64, groups: Option<u64>) -> Bench {
     bench.change("time_error", |of: &mut TimeError| {
         of.groups = groups;
         of.scenes = scenes;
-        of.methods.iter_mut().flat_map(|of| &mut of.points).for_each(|of| of.all.scenes = scenes);
+        of.methods.iter_mut().flat_map(|of| &mut of.points).for_each(|of| {
+            (of.all.scenes, of.all.groups) = (scenes, groups);
+        });
     });
     bench
 }
@@ -276,6 +278,26 @@ fn one_scene_or_one_group_has_means_without_intervals() {
         bench.evaluation(|of| (of.scenes, of.groups) = (2, None));
         assert!(section(&text(&bench.files(), "report.html"), "results").contains("class=\"ci\">["));
     }
+}
+
+#[test]
+fn a_stratum_of_one_group_has_times_without_intervals_whatever_others_have() {
+    let mut bench = Bench::new();
+    bench.change("time_error", |of: &mut TimeError| {
+        of.groups = Some(7);
+        for point in of.methods.iter_mut().flat_map(|of| &mut of.points) {
+            point.all.groups = Some(7);
+            for (name, of) in &mut point.strata {
+                of.groups = Some(if name == "L1-open" { 1 } else { 2 });
+            }
+        }
+    });
+    let points = text(&bench.files(), "time_error.csv");
+    let of = |stratum: &str| {
+        let lines = points.lines().filter(|line| line.contains(&format!(",{stratum},")));
+        lines.filter(|line| line.contains(",10,8,12.5,")).count()
+    };
+    assert!(of("L1-open") == 0 && of("L0-open") > 0 && of("all") > 0, "{points}");
 }
 
 #[test]

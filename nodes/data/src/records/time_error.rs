@@ -1,6 +1,6 @@
 //! Error against time, as `time_error` hands it on.
 
-use super::Estimate;
+use super::{Estimate, has_intervals};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -65,6 +65,9 @@ pub struct TimedPoint {
 pub struct TimedSummary {
     /// How many.
     pub scenes: u64,
+    /// Number of groups of them that intervals are over; none where each scene stands for itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<u64>,
     /// Seconds of wall time from a scene's files to the image: quartiles over scenes.
     pub wall_s: [f64; 3],
     /// The same of processor time.
@@ -80,14 +83,21 @@ pub struct TimedSummary {
     /// Mean structural similarity of previews.
     pub ssim: f64,
     /// Geometric mean of the samples per pixel after which the path tracer has the same error; none for itself. For a
-    /// single scene, the interval is a point and has no meaning.
+    /// single scene or group, the interval is a point and has no meaning.
     pub crossover_spp: Option<Estimate>,
     /// Share of scenes whose crossover lies beyond the last rung that was timed, where the law of 1/n stands in for a
     /// measurement; 0 for the path tracer itself.
     pub extrapolated: f64,
-    /// Geometric mean of the path tracer's time to the same error over this time; none for itself. For a single scene,
-    /// the interval is a point and has no meaning.
+    /// Geometric mean of the path tracer's time to the same error over this time; none for itself. For a single scene
+    /// or group, the interval is a point and has no meaning.
     pub speed_up: Option<Estimate>,
+}
+
+impl TimedSummary {
+    /// Whether its ratios have intervals.
+    pub fn has_intervals(&self) -> bool {
+        has_intervals(self.scenes, self.groups)
+    }
 }
 
 /// One scene at one point.

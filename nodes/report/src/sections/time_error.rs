@@ -13,7 +13,7 @@ pub use csv::{points as points_csv, scenes as scenes_csv, targets as targets_csv
 use std::fmt::Write as _;
 use tauflow_data::{
     methods::{Conditioning, OIDN, PATH_TRACER},
-    records::{TimeError, TimedMethod, TimedPoint, TimedSummary, front, has_intervals},
+    records::{TimeError, TimedMethod, TimedPoint, TimedSummary, front},
     timing::named,
 };
 
@@ -150,7 +150,7 @@ pub fn opening(of: &TimeError) -> String {
             .into_iter()
             .filter_map(|p| Some((p, p.all.speed_up?)))
             .reduce(|a, b| if b.1.mean > a.1.mean { b } else { a })?;
-        let interval = match has_intervals(of.scenes, of.groups) {
+        let interval = match point.all.has_intervals() {
             false => String::new(),
             true => format!(" (95% interval {} to {})", fixed(speed.low, 1), fixed(speed.high, 1)),
         };

@@ -238,6 +238,7 @@ fn statistics(ctx: &Context<'_>) -> Collection {
 fn time_error() -> TimeError {
     let summary = |wall: f64, mse: f64, own: bool| TimedSummary {
         scenes: 24,
+        groups: None,
         wall_s: [0.9 * wall, wall, 1.2 * wall],
         cpu_s: [1.8 * wall, 1.9 * wall, 2.4 * wall],
         mse,

@@ -3,7 +3,7 @@
 use crate::csv::field;
 use std::fmt::Write as _;
 use tauflow_data::{
-    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedSummary, has_intervals},
+    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedSummary},
     tabular::csv_estimate,
 };
 
@@ -24,13 +24,12 @@ pub fn points(of: &TimeError) -> String {
          cpu_s,mse,rel_mse,hdr_psnr,preview_psnr,ssim,speed_up,speed_up_low,speed_up_high,\
          crossover_spp,crossover_spp_low,crossover_spp_high,extrapolated\n",
     );
-    let groups = of.groups;
     for timed in &of.methods {
         let method = method(timed);
         for point in &timed.points {
             let all = std::iter::once(("all", &point.all));
             for (stratum, at) in all.chain(point.strata.iter().map(|(name, at)| (name.as_str(), at))) {
-                let three = |of: Option<Estimate>| csv_estimate(of.as_ref(), has_intervals(at.scenes, groups));
+                let three = |of: Option<Estimate>| csv_estimate(of.as_ref(), at.has_intervals());
                 let TimedSummary { scenes, wall_s, cpu_s, mse, rel_mse, hdr_psnr, preview_psnr, ssim, .. } = at;
                 let _ = writeln!(
                     out,

@@ -9,7 +9,7 @@ use crate::{
 use std::fmt::Write as _;
 use tauflow_data::{
     methods::PATH_TRACER,
-    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary, has_intervals},
+    records::{Estimate, TimeError, TimeTo, TimedMethod, TimedPoint, TimedSummary},
 };
 
 fn table(heads: &[&str], rows: &str) -> String {
@@ -46,22 +46,25 @@ fn ratio(found: Option<&Estimate>, has_interval: bool, text: impl Fn(f64) -> Str
     }
 }
 
-fn speed_up(of: &TimedSummary, groups: Option<u64>) -> String {
-    ratio(of.speed_up.as_ref(), has_intervals(of.scenes, groups), |v| fixed(v, 2))
+fn speed_up(of: &TimedSummary) -> String {
+    ratio(of.speed_up.as_ref(), of.has_intervals(), |v| fixed(v, 2))
 }
 
-fn crossover(of: &TimedSummary, groups: Option<u64>) -> String {
+fn crossover(of: &TimedSummary) -> String {
     let beyond = match of.extrapolated > 0.0 {
         true => format!(" <small>† {}%</small>", fixed(100.0 * of.extrapolated, 0)),
         false => String::new(),
     };
-    ratio(of.crossover_spp.as_ref(), has_intervals(of.scenes, groups), compact) + &beyond
+    ratio(of.crossover_spp.as_ref(), of.has_intervals(), compact) + &beyond
 }
 
 fn beyond(groups: Option<u64>) -> String {
     let intervals = match groups {
         Some(1) => no_intervals("scene", groups),
-        _ => format!("Intervals: 95%, by bootstrap over {}; omitted for a single scene.", resampled(groups)),
+        _ => {
+            let single = if groups.is_some() { "group" } else { "scene" };
+            format!("Intervals: 95%, by bootstrap over {}; omitted for a single {single}.", resampled(groups))
+        }
     };
     format!(
         "<p class=\"note\">{intervals} †: share of scenes whose \
@@ -91,8 +94,8 @@ pub fn points(of: &TimeError) -> String {
                 fixed(all.hdr_psnr, 2),
                 fixed(all.preview_psnr, 2),
                 fixed(all.ssim, 4),
-                speed_up(all, of.groups),
-                crossover(all, of.groups),
+                speed_up(all),
+                crossover(all),
             ]));
         }
     }
@@ -119,7 +122,7 @@ pub fn equal_time(of: &TimeError) -> String {
     for method in &of.methods {
         for point in &method.points {
             let Some(versus) = &point.versus else { continue };
-            let gain = |e: &Estimate, digits| match has_intervals(point.all.scenes, of.groups) {
+            let gain = |e: &Estimate, digits| match point.all.has_intervals() {
                 false => signed(e.mean, digits),
                 true => format!("{} <small>{}</small>", signed(e.mean, digits), interval(e, digits)),
             };
@@ -217,8 +220,8 @@ pub fn strata(of: &TimeError) -> String {
                     compact(at.wall_s[1]),
                     compact(at.mse.sqrt()),
                     compact(at.rel_mse),
-                    speed_up(at, of.groups),
-                    crossover(at, of.groups),
+                    speed_up(at),
+                    crossover(at),
                 ]));
             }
         }
