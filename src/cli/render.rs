@@ -42,7 +42,7 @@ pub(crate) struct RenderArgs {
     /// unless its name ends in .png.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Multiply the radiance by this factor.
+    /// Multiply the radiance by this factor, from 1e-6 to 5e5.
     #[arg(long, default_value_t = 1.0, value_parser = factor)]
     exposure: f32,
     /// Double the samples until the estimated relative error is at most this value: 0.01 is 1%.
@@ -85,7 +85,8 @@ fn above_zero(text: &str) -> Result<f64, String> {
 
 fn factor(text: &str) -> Result<f32, String> {
     let value = above_zero(text)? as f32;
-    if value.is_finite() && value > 0.0 { Ok(value) } else { Err(format!("`{text}` is too large or too small")) }
+    // Half a million is 19 stops: more would leave no finite numbers of bright pixels and their variances.
+    if (1e-6..=5e5).contains(&value) { Ok(value) } else { Err("it must be between 1e-6 and 5e5".to_owned()) }
 }
 
 impl RenderArgs {

@@ -198,6 +198,11 @@ fn refused(message: &str) -> (String, &'static str) {
             "keep one pipeline per file: remove the document after `---`",
         ),
         (
+            "budget breached: Depth",
+            "the file is nested too deeply",
+            "check the brackets; a pipeline needs only a few levels",
+        ),
+        (
             "budget breached",
             "the file is too large after its aliases are expanded",
             "remove aliases (`*name`) of values that contain aliases",

@@ -193,7 +193,7 @@ fn links_are_written_through_and_pipes_get_the_image() {
         let told = fs::read_to_string(place.path("err")).unwrap_or_default();
         assert!(bytes == plain, "{script}: {} bytes, {told}", bytes.len());
     }
-    for exposure in ["nan", "0", "-1", "inf", "1e-60"] {
+    for exposure in ["nan", "0", "-1", "inf", "1e-60", "1e38"] {
         let said = render(&place, &[&format!("--exposure={exposure}"), "-o", "x.exr"]).ends(2);
         assert!(said.err.contains("--exposure"), "{}", said.err);
     }

@@ -15,6 +15,7 @@ fn bad_texts() -> Vec<(&'static str, String)> {
         own("a_tab_as_indentation", "nodes:\n\ta: {kind: numbers}\n"),
         ("a_billion_laughs", format!("l0: &l0 ha\n{laughs}nodes: *l11\n")),
         ("a_thousand_brackets", format!("nodes: {}{}\n", "[".repeat(5000), "]".repeat(5000))),
+        ("fifty_brackets", format!("nodes: {}{}\n", "[".repeat(50), "]".repeat(50))),
         own(
             "a_number_too_large_for_any_type",
             "nodes:\n  a: {kind: numbers, params: {count: 123456789012345678901234567890}}\n",
@@ -121,6 +122,7 @@ fn an_editor_that_knows_the_schema_underlines_them_too() {
         "a_tab_as_indentation",
         "a_billion_laughs",
         "a_thousand_brackets",
+        "fifty_brackets",
         "a_number_that_is_none",
         "an_infinite_number",
         "a_key_that_is_a_list",
