@@ -1,16 +1,19 @@
 //! Reads a pickle as data. Pickles are programs: they name functions and call them. Here nothing is ever called. The
 //! few names by which `torch.save` writes tensors are known; any other name is reported, and the file refused.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
-/// A value; what has parts is an object of the [`Heap`].
+/// A value; what has parts is an object of the [`Heap`]. Texts are shared: a small file can name a long one many times.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Value {
     None,
     Bool(bool),
     Int(i64),
     Float(f64),
-    Text(String),
+    Text(Arc<str>),
     Object(usize),
 }
 
@@ -21,11 +24,11 @@ pub(super) enum Object {
     Tuple(Vec<Value>),
     Dict(Vec<(Value, Value)>),
     /// A function or class, by module and name.
-    Global(String, String),
+    Global(Arc<str>, Arc<str>),
     /// A row of numbers in an entry of the archive.
     Storage {
-        dtype: String,
-        entry: String,
+        dtype: Arc<str>,
+        entry: Arc<str>,
     },
     /// A view of a storage.
     Tensor(Tensor),
@@ -38,8 +41,9 @@ pub(super) enum Object {
 /// A view of a storage.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tensor {
-    pub(super) dtype: String,
-    pub(super) entry: String,
+    /// The name of its class, such as `FloatStorage`.
+    pub(super) dtype: Arc<str>,
+    pub(super) entry: Arc<str>,
     pub(super) offset: usize,
     pub(super) shape: Vec<usize>,
     pub(super) strides: Vec<usize>,
@@ -49,9 +53,17 @@ pub(super) struct Tensor {
 #[derive(Debug, Default)]
 pub(super) struct Heap {
     objects: Vec<Object>,
-    /// Names that are not known, each once.
+    /// Names that are not known, the first of them, each once.
     foreign: Vec<String>,
+    /// All of them.
+    all_foreign: BTreeSet<String>,
 }
+
+/// Most names of functions that are told.
+const MOST_TOLD: usize = 20;
+
+/// Most bytes of the name of a function, and of that of its module.
+const LONGEST_NAME: usize = 200;
 
 /// Most axes of a tensor.
 const MOST_AXES: usize = 8;
@@ -76,7 +88,7 @@ impl Heap {
     pub(super) fn dict(&self, value: &Value) -> Option<Named<'_>> {
         let Object::Dict(entries) = self.object(value)? else { return None };
         let named = entries.iter().filter_map(|(key, value)| match key {
-            Value::Text(text) => Some((text.as_str(), value)),
+            Value::Text(text) => Some((&**text, value)),
             _ => None,
         });
         Some(named.collect())
@@ -108,7 +120,7 @@ impl Heap {
     fn call(&self, function: &Value, arguments: &Value) -> Object {
         let Some(Object::Global(module, name)) = self.object(function) else { return Object::Unknown };
         let arguments = self.list(arguments).unwrap_or_default();
-        match (module.as_str(), name.as_str()) {
+        match (&**module, &**name) {
             ("collections", "OrderedDict") => Object::Dict(Vec::new()),
             ("torch._utils", "_rebuild_tensor_v2") => self.tensor_of(arguments).map_or(Object::Unknown, Object::Tensor),
             // A parameter is its tensor. Nothing else is copied: a small file could name a large list many times.
@@ -137,10 +149,10 @@ impl Heap {
     fn storage(&self, id: &Value) -> Object {
         let Some([Value::Text(what), class, Value::Text(entry), ..]) = self.list(id) else { return Object::Unknown };
         let Some(Object::Global(_, dtype)) = self.object(class) else { return Object::Unknown };
-        if what != "storage" {
+        if &**what != "storage" {
             return Object::Unknown;
         }
-        Object::Storage { dtype: dtype.trim_end_matches("Storage").to_owned(), entry: entry.clone() }
+        Object::Storage { dtype: dtype.clone(), entry: entry.clone() }
     }
 }
 
@@ -166,7 +178,8 @@ struct PickleReader<'a> {
 /// Reads a pickle: its value and the objects that it is made of.
 ///
 /// # Errors
-/// If it is cut short, has steps that tensors never need, or names functions other than those of tensors: all of them.
+/// If it is cut short, has steps that tensors never need, or names functions other than those of tensors: the first
+/// twenty of them, and how many more.
 pub(super) fn read(bytes: &[u8]) -> Result<(Value, Heap), Vec<String>> {
     let (stack, marks, memo) = (Vec::new(), Vec::new(), BTreeMap::new());
     let mut reader = PickleReader { bytes, at: 0, stack, marks, memo, heap: Heap::default() };
@@ -175,6 +188,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Value, Heap), Vec<String>> {
         .into_iter()
         .map(|name| format!("it would run `{name}`, which no tensor needs; it was not run"))
         .collect();
+    if let more @ 1.. = reader.heap.all_foreign.len().saturating_sub(MOST_TOLD) {
+        problems.push(format!("it would run {more} more, which no tensor needs; they were not run"));
+    }
     match value {
         Ok(value) if problems.is_empty() => Ok((value, reader.heap)),
         Ok(_) => Err(problems),
@@ -234,14 +250,18 @@ impl PickleReader<'_> {
         Ok(())
     }
 
-    fn global(&mut self, module: String, name: String) {
+    fn global(&mut self, module: Arc<str>, name: Arc<str>) -> Result<(), String> {
+        if module.len().max(name.len()) > LONGEST_NAME {
+            return Err(format!("a function whose name is longer than {LONGEST_NAME} bytes"));
+        }
         if !known(&module, &name) {
             let told = format!("{module}.{name}");
-            if !self.heap.foreign.contains(&told) {
+            if self.heap.all_foreign.insert(told.clone()) && self.heap.foreign.len() < MOST_TOLD {
                 self.heap.foreign.push(told);
             }
         }
         self.push(Object::Global(module, name));
+        Ok(())
     }
 
     fn last(&mut self) -> Result<&mut Object, String> {
@@ -381,14 +401,14 @@ impl PickleReader<'_> {
                 }
                 b'c' => {
                     let (module, name) = (self.line()?, self.line()?);
-                    self.global(module, name);
+                    self.global(module.into(), name.into())?;
                 }
                 0x93 => {
                     let (name, module) = (self.pop()?, self.pop()?);
                     let (Value::Text(name), Value::Text(module)) = (name, module) else {
                         return Err("a function whose name is no text".into());
                     };
-                    self.global(module, name);
+                    self.global(module, name)?;
                 }
                 // Calls: REDUCE, NEWOBJ. What they would make is known for tensors alone.
                 b'R' | 0x81 => {
@@ -416,7 +436,7 @@ impl PickleReader<'_> {
 
     fn string(&mut self, size: usize) -> Result<(), String> {
         let text = self.text(size)?;
-        self.stack.push(Value::Text(text));
+        self.stack.push(Value::Text(text.into()));
         Ok(())
     }
 

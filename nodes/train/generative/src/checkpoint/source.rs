@@ -92,6 +92,10 @@ impl<'a> Source<'a> {
         let mut problems = Vec::new();
         let mut named = Vec::new();
         for (name, value) in model {
+            if name.len() > LONGEST_NAME {
+                let what = format!("a tensor has a name of {} bytes; at most {LONGEST_NAME} can be read", name.len());
+                return Err(one(what));
+            }
             match entry(&heap, value, &storages) {
                 Ok(entry) => named.push((name.to_owned(), entry)),
                 Err(problem) => problems.push(format!("`{name}` {problem}")),
@@ -148,15 +152,19 @@ impl<'a> Source<'a> {
     }
 }
 
+/// Most bytes of the name of a tensor.
+const LONGEST_NAME: usize = 1000;
+
 fn entry(heap: &Heap, value: &Value, storages: &BTreeMap<&str, &Range<usize>>) -> Result<Entry, String> {
     let tensor = heap.tensor(value).ok_or("is no tensor")?;
     if tensor.shape.len() != tensor.strides.len() {
         return Err(format!("has {} sizes and {} strides", tensor.shape.len(), tensor.strides.len()));
     }
-    let storage = storages.get(tensor.entry.as_str());
-    let bytes = storage.ok_or_else(|| format!("lies in the entry `{}`, which the archive lacks", tensor.entry))?;
+    let storage = storages.get(&*tensor.entry);
+    let named = || tensor.entry.chars().take(100).collect::<String>();
+    let bytes = storage.ok_or_else(|| format!("lies in the entry `{}`, which the archive lacks", named()))?;
     Ok(Entry {
-        dtype: tensor.dtype.clone(),
+        dtype: tensor.dtype.trim_end_matches("Storage").to_owned(),
         shape: tensor.shape.clone(),
         strides: tensor.strides.clone(),
         offset: tensor.offset,

@@ -158,6 +158,29 @@ fn code_in_a_pickle_is_named_and_never_run() {
 }
 
 #[test]
+fn what_a_small_file_names_many_times_takes_no_memory() {
+    // A text of 1 MiB that is recalled 60,000 times, each in two bytes: 60 GB if each were a copy.
+    let long = "x".repeat(1 << 20);
+    let recalled = b"h\x00".repeat(60_000);
+    let program = [b"\x80\x02](".to_vec(), text(&long), b"q\x00".to_vec(), recalled, b"e.".to_vec()].concat();
+    assert!(refused(&saved(program)).contains("no dictionary of tensors"));
+    // The same text as the names of tensors, of entries, and of functions.
+    let of = |parts: &[&[u8]]| saved([&b"\x80\x02}("[..], parts.concat().as_slice()].concat());
+    let named = [text("a"), text(&long), b"q\x00".to_vec(), b"h\x00N".repeat(1000)].concat();
+    let told = refused(&of(&[&named, b"u."]));
+    assert!(told.contains("a name of 1048576 bytes") && told.len() < 1000, "{told:.2000}");
+    let told = refused(&of(&[&text("a"), &tensor("Float", &long, &[2], &[1]), b"u."]));
+    assert!(told.contains("which the archive lacks") && told.len() < 2000, "{told:.2000}");
+    let told = refused(&of(&[&text(&long), &text("f"), b"\x93."]));
+    assert!(told.contains("longer than 200 bytes"), "{told:.2000}");
+    // Of many functions, the first are named.
+    let many: String = (0..30).map(|i| format!("cevil\nf{i}\n0")).collect();
+    let told = refused(&of(&[many.as_bytes(), b"u."]));
+    assert!(told.contains("would run `evil.f19`") && told.contains("would run 10 more"), "{told}");
+    assert!(!told.contains("evil.f20"), "{told}");
+}
+
+#[test]
 fn files_that_are_cut_short_or_of_another_sort_are_refused() {
     let whole = saved(pickle(&sound()));
     for keep in [0, 1, 4, 40, whole.len() / 2, whole.len() - 1] {
