@@ -4,6 +4,7 @@ use crate::kinds::Registry;
 
 pub use tauflow_denoiser::{
     Denoised, Denoiser as BundledDenoiser, Frame, Settings as DenoiseSettings, Weights as BundledWeights,
+    mended_normals,
 };
 pub use tauflow_eval::{
     bootstrap::{Resampled, Table as Paired},

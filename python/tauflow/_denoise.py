@@ -65,7 +65,14 @@ def denoise(
         start = f"{noisy}: "
         for line in done.stderr.splitlines():
             note = line[len(start) :] if line.startswith(start) else ""
-            # Arrays have no camera matrix. The other line says what was done.
-            if note and "no camera matrix" not in note and not re.match(r"\d+ x \d+, ", note):
+            if "no camera matrix" in note:
+                # Arrays have none; whether normals are in world space was guessed.
+                guess = (
+                    "normals look as if they were in world space, and were turned so that most face the camera; pass "
+                    'normals="camera" if they are in camera space'
+                )
+                note = guess if normals == "auto" else ""
+            # The other line says what was done.
+            if note and not re.match(r"\d+ x \d+, ", note):
                 warnings.warn(note, TauflowWarning, stacklevel=2)
         return read_layers(clean)[""]

@@ -1,12 +1,13 @@
 """The bundled denoiser on arrays."""
 
 import pathlib
+import warnings
 
 import numpy as np
 import pytest
 
 import tauflow
-from tauflow import TauflowError
+from tauflow import TauflowError, TauflowWarning
 
 MODELS = pathlib.Path(__file__).parents[2] / "models"
 
@@ -29,6 +30,19 @@ def test_arrays_are_denoised():
     assert np.array_equal(tauflow.denoise(noisy, strength=0.0), noisy)
     kept = tauflow.denoise(noisy, albedo, normal, variance=np.zeros_like(noisy))
     assert ((kept - noisy) ** 2).mean() < 0.1 * error(noisy)
+
+
+def test_a_guess_at_the_space_of_normals_is_told():
+    noisy, albedo, _ = scene()
+    away = np.broadcast_to([0.0, 0.8, 0.6], albedo.shape).copy()
+    away[:6] = [0.8, 0.0, -0.6]
+    with pytest.warns(TauflowWarning, match="look as if they were in world space"):
+        guessed = tauflow.denoise(noisy, albedo, away)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        camera = tauflow.denoise(noisy, albedo, away, normals="camera")
+        world = tauflow.denoise(noisy, albedo, away, normals="world")
+    assert np.array_equal(guessed, world) and not np.array_equal(guessed, camera)
 
 
 def test_what_does_not_fit_is_told():

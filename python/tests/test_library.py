@@ -24,6 +24,23 @@ def library():
     return path
 
 
+def any_normals(shape):
+    """Unit vectors but for rounding, of which most face the camera."""
+    normals = np.random.default_rng(5).normal(size=shape).astype(np.float32) + np.float32([0, 0, 1.5])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True)
+
+
+def test_damaged_normals_and_albedo_have_the_bits_of_the_command(library):
+    noisy, albedo, _ = scene()
+    normal = any_normals(noisy.shape)
+    albedo, normal = albedo.copy(), normal.copy()
+    albedo[3, 4, 1], normal[5, 6, 2], normal[7, 8] = np.nan, np.inf, np.nan
+    with pytest.warns(TauflowWarning, match="of the (albedo|normals) are not finite"):
+        own = tauflow.Denoiser("fast", library)(noisy, albedo, normal)
+        command = tauflow.denoise(noisy, albedo, normal, weights="fast", normals="camera")
+    assert np.array_equal(own, command)
+
+
 @pytest.mark.parametrize("weights", ["fast", "best"])
 def test_images_have_the_bits_of_the_command(library, weights):
     noisy, albedo, normal = scene()
@@ -36,6 +53,7 @@ def test_images_have_the_bits_of_the_command(library, weights):
         ((noisy, albedo, normal), {"spp": 4, "strength": 0.75}),
         ((noisy,), {"variance": variance, "exposure": 0.5}),
         ((noisy, albedo, normal), {"variance": variance, "spp": np.int64(8), "strength": 0.1}),
+        ((noisy, albedo, any_normals(noisy.shape)), {}),
     ]:
         command = tauflow.denoise(*images, weights=weights, normals="camera", **options)
         own = denoiser(*images, **options)

@@ -49,7 +49,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "ERROR", value_parser = above_zero, conflicts_with_all = ["spp", "seconds"])]
     error: Option<f64>,
     /// Maximum number of samples per pixel with --error.
-    #[arg(long, value_name = "N", default_value_t = 65536, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
+    #[arg(long, value_name = "N", requires = "error", default_value_t = 65536,
+          value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
     at_most: u64,
     /// Sample for this many seconds, not counting the time to read the scene.
     #[arg(long, value_name = "S", value_parser = above_zero, conflicts_with = "spp")]
@@ -63,9 +64,9 @@ pub(crate) struct RenderArgs {
     /// Add the layers `albedo` (R, G, B) and `normal` (X, Y, Z), which `refine` reads.
     #[arg(long)]
     gbuffer: bool,
-    /// Samples per pixel of these layers.
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u64).range(1..=65536))]
-    gbuffer_samples: u64,
+    /// Samples per pixel of these layers, and of those for --denoise. Default: 32.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=65536))]
+    gbuffer_samples: Option<u64>,
     /// Add the layer `variance`: the variance of single samples. It needs at least 2 samples per pixel.
     #[arg(long)]
     variance: bool,
@@ -77,6 +78,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "HOST:PORT")]
     tev: Option<String>,
 }
+
+/// Samples per pixel of a G-buffer.
+const GBUFFER_SAMPLES: u64 = 32;
 
 fn above_zero(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
@@ -106,6 +110,9 @@ impl RenderArgs {
         if png && (self.gbuffer || self.variance) {
             let file = self.out.display();
             return bad(format!("{file} has no room for layers; write an .exr, or leave --gbuffer and --variance out"));
+        }
+        if self.gbuffer_samples.is_some() && !(self.gbuffer || self.denoise) {
+            return bad("--gbuffer-samples needs --gbuffer or --denoise, which render a G-buffer".to_owned());
         }
         if self.sampler() == SamplerKind::Sobol && (self.error.is_some() || self.variance) {
             return bad("samples of --sampler sobol depend on each other, so that their variance says nothing of the \
@@ -219,7 +226,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
         sampler: args.sampler(),
         integrator: args.integrator(),
         choices: Choices::default(),
-        gbuffer_samples: (args.gbuffer || args.denoise).then_some(args.gbuffer_samples),
+        gbuffer_samples: (args.gbuffer || args.denoise).then_some(args.gbuffer_samples.unwrap_or(GBUFFER_SAMPLES)),
     };
     // An error of the viewer is not one of the scene.
     let mut failed = None;

@@ -197,6 +197,10 @@ fn links_are_written_through_and_pipes_get_the_image() {
         let said = render(&place, &[&format!("--exposure={exposure}"), "-o", "x.exr"]).ends(2);
         assert!(said.err.contains("--exposure"), "{}", said.err);
     }
+    for (options, missing) in [(["--at-most", "5"], "--error"), (["--gbuffer-samples", "3"], "--gbuffer")] {
+        let said = render(&place, &[&options[..], &["-o", "x.exr"]].concat()).ends(2);
+        assert!(said.err.contains(missing), "{}", said.err);
+    }
     let said = render(&place, &["--view", "1", "-o", "x.exr"]).ends(2);
     assert!(said.err.contains("there is no camera 1: it has one camera, counted from 0"), "{}", said.err);
 }

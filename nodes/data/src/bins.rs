@@ -83,8 +83,8 @@ impl Bins {
     }
 
     /// The same bins without those that are black: what is behind a scene does not make it brighter or darker.
-    fn lit(&self) -> Self {
-        Self { width: 1, means: self.means.iter().copied().filter(|mean| *mean > 0.0).collect() }
+    fn lit(&self, mean: f64) -> Self {
+        Self { width: 1, means: self.means.iter().copied().filter(|bin| *bin > BLACK * mean).collect() }
     }
 
     /// The display value of each.
@@ -132,11 +132,14 @@ pub fn geometric_mean_luminance(image: &Image) -> f64 {
     Bins::of(image, BIN).geometric_mean(mean_luminance(image))
 }
 
+/// A bin is black below this share of the mean. Half precision makes tiny numbers of what should be 0.
+const BLACK: f64 = 1e-6;
+
 /// The same mean without black bins, and the share of black bins. A black background then has no part in it. An image
 /// without any light has the mean of all its bins.
 pub fn lit_geometric_mean_luminance(image: &Image) -> (f64, f64) {
     let (all, mean) = (Bins::of(image, BIN), mean_luminance(image));
-    let lit = all.lit();
+    let lit = all.lit(mean);
     let black = 1.0 - lit.means.len() as f64 / all.means.len() as f64;
     (if lit.means.is_empty() { &all } else { &lit }.geometric_mean(mean), black)
 }

@@ -7,7 +7,7 @@ use exr::{
     prelude::*,
 };
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     io::{BufReader, Cursor, Read, Seek},
     path::Path,
 };
@@ -104,8 +104,8 @@ const FREE_SAMPLES: usize = 1 << 26;
 const SAMPLES_PER_BYTE: usize = 512;
 
 /// The layers of three colours in an EXR file, by name; the one without a name is named "". Layers are parts of the
-/// file, or share one part as `layer.R`. Pictures have the size of the display window; outside the data window they
-/// are 0.
+/// file, or share one part as `layer.R`. If several parts have a layer of one name, the parts' names come before it.
+/// Pictures have the size of the display window; outside the data window they are 0.
 ///
 /// # Errors
 /// If the file cannot be read, is deep or larger than 2^26 pixels, claims more numbers than its bytes can say, or holds
@@ -144,10 +144,9 @@ pub fn exr_names(path: &Path) -> std::result::Result<(Vec<String>, Option<[f32; 
 pub fn read_exr_alpha(path: &Path, layer: &str) -> std::result::Result<Option<Image>, DataError> {
     let (name, size, mut source) = opened(path)?;
     let meta = checked(&name, size, &mut source)?;
-    let of_layer = |(own, letter, _): &(String, char, (usize, usize))| own == layer && *letter == 'A';
-    match channels(&meta.headers).find(of_layer) {
+    match colours(&name, &meta.headers)?.get(layer).and_then(|colours| colours.alpha) {
         None => Ok(None),
-        Some((_, _, at)) => Ok(planes(&name, &meta, source, &[&[at]])?.pop()),
+        Some(at) => Ok(planes(&name, &meta, source, &[&[at]])?.pop()),
     }
 }
 
@@ -209,7 +208,7 @@ fn checked(name: &str, size: u64, source: impl Read) -> std::result::Result<Meta
 
 /// The channels at full resolution whose name ends in a single letter: the name of their layer, the letter, the part of
 /// the file, and the place in it.
-fn channels(headers: &[Header]) -> impl Iterator<Item = (String, char, (usize, usize))> {
+fn channels(headers: &[Header]) -> impl Iterator<Item = (String, char, Place)> {
     headers.iter().enumerate().flat_map(|(part, header)| {
         let own = header.own_attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
         header.channels.list.iter().enumerate().filter_map(move |(at, channel)| {
@@ -222,29 +221,73 @@ fn channels(headers: &[Header]) -> impl Iterator<Item = (String, char, (usize, u
     })
 }
 
-/// The channels of each layer of three colours: of which part of the file, and which of its channels.
-fn colours(name: &str, headers: &[Header]) -> std::result::Result<BTreeMap<String, [(usize, usize); 3]>, DataError> {
-    // Channels by layer and letter first: letters alone do not say whether a Z is a depth or part of a normal.
-    let mut found: BTreeMap<String, BTreeMap<char, (usize, usize)>> = BTreeMap::new();
-    for (layer, letter, at) in channels(headers).filter(|(_, letter, _)| "RGBXYZ".contains(*letter)) {
-        found.entry(layer).or_default().insert(letter, at);
+/// A channel: of which part of the file, and which of its channels.
+type Place = (usize, usize);
+
+/// A layer of three colours.
+struct Colours {
+    places: [Place; 3],
+    /// The channel A of the same part.
+    alpha: Option<Place>,
+}
+
+impl Colours {
+    /// Of the channels of one layer by letter; of another letter than R, G and B only in a layer with a name.
+    fn of(channels: &BTreeMap<char, Place>, named: bool) -> Option<Self> {
+        let all = |letters: [char; 3]| {
+            let [a, b, c] = letters.map(|letter| channels.get(&letter).copied());
+            Some([a?, b?, c?])
+        };
+        let normals = || all(['X', 'Y', 'Z']).filter(|_| named);
+        all(['R', 'G', 'B']).or_else(normals).map(|places| Self { places, alpha: channels.get(&'A').copied() })
+    }
+}
+
+/// The layers of three colours, by name. If several parts have a layer of one name, as files of two views do, the names
+/// of the parts come before it.
+fn colours(name: &str, headers: &[Header]) -> std::result::Result<BTreeMap<String, Colours>, DataError> {
+    let failed = |what: String| DataError::Format(format!("{name}: {what}"));
+    // Channels by layer, part and letter first: letters alone do not say whether a Z is a depth or part of a normal.
+    let mut found: BTreeMap<String, BTreeMap<usize, BTreeMap<char, Place>>> = BTreeMap::new();
+    for (layer, letter, at) in channels(headers).filter(|(_, letter, _)| "RGBAXYZ".contains(*letter)) {
+        found.entry(layer).or_default().entry(at.0).or_default().insert(letter, at);
     }
     let mut layers = BTreeMap::new();
-    for (name, channels) in found {
-        let all = |letters: [char; 3]| letters.map(|letter| channels.get(&letter).copied());
-        match (all(['R', 'G', 'B']), all(['X', 'Y', 'Z'])) {
-            ([Some(r), Some(g), Some(b)], _) => {
-                layers.insert(name, [r, g, b]);
+    for (layer, parts) in found {
+        let of = |channels| Colours::of(channels, !layer.is_empty());
+        let mut whole: Vec<(usize, Colours)> =
+            parts.iter().filter_map(|(part, channels)| Some((*part, of(channels)?))).collect();
+        match whole.len() {
+            // Each channel may be a part of its own.
+            0 => {
+                let all = parts.values().flatten().map(|(letter, at)| (*letter, *at)).collect();
+                let Some(all) = of(&all) else { continue };
+                let has = |letter: &char| parts.values().filter(|part| part.contains_key(letter)).count();
+                if let Some(letter) = "RGBXYZ".chars().find(|letter| has(letter) > 1) {
+                    let what =
+                        format!("the channel {letter} of the layer `{layer}` is in several parts; give the parts");
+                    return Err(failed(format!("{what} different names of layers")));
+                }
+                layers.insert(layer, all);
             }
-            (_, [Some(x), Some(y), Some(z)]) if !name.is_empty() => {
-                layers.insert(name, [x, y, z]);
+            1 => _ = layers.insert(layer, whole.remove(0).1),
+            _ => {
+                for (part, colours) in whole {
+                    let own = headers[part].own_attributes.layer_name.as_ref().map(ToString::to_string);
+                    let own = own.filter(|own| !own.is_empty());
+                    let named = own.map(|own| if own == layer { own } else { format!("{own}.{layer}") });
+                    let named = named.filter(|named| !layers.contains_key(named));
+                    let Some(named) = named else {
+                        let what = format!("several parts have a layer `{layer}`; give the parts different names");
+                        return Err(failed(what));
+                    };
+                    layers.insert(named, colours);
+                }
             }
-            _ => {}
         }
     }
     if layers.is_empty() {
-        let what = format!("{name}: it has no layer with channels R, G and B at full resolution");
-        return Err(DataError::Format(what));
+        return Err(failed("it has no layer with channels R, G and B at full resolution".into()));
     }
     Ok(layers)
 }
@@ -256,9 +299,9 @@ fn layers<R: Read + Seek>(
     wanted: &dyn Fn(&str) -> bool,
 ) -> std::result::Result<BTreeMap<String, Image>, DataError> {
     let meta = checked(name, size, &mut source)?;
-    let chosen: Vec<(String, [(usize, usize); 3])> =
+    let chosen: Vec<(String, Colours)> =
         colours(name, &meta.headers)?.into_iter().filter(|(layer, _)| wanted(layer)).collect();
-    let channels: Vec<&[(usize, usize)]> = chosen.iter().map(|(_, channels)| &channels[..]).collect();
+    let channels: Vec<&[Place]> = chosen.iter().map(|(_, colours)| &colours.places[..]).collect();
     let images = planes(name, &meta, source, &channels)?;
     Ok(chosen.into_iter().map(|(name, _)| name).zip(images).collect())
 }
@@ -269,7 +312,7 @@ fn planes<R: Read + Seek>(
     name: &str,
     meta: &MetaData,
     mut source: R,
-    chosen: &[&[(usize, usize)]],
+    chosen: &[&[Place]],
 ) -> std::result::Result<Vec<Image>, DataError> {
     source.rewind().map_err(|e| broken(name)(e.into()))?;
     let window = meta.headers.first().map(|header| header.shared_attributes.display_window);
@@ -289,9 +332,16 @@ fn planes<R: Read + Seek>(
         .and_then(|reader| reader.filter_chunks(false, |_, _, block| parts[block.layer] && block.level == Vec2(0, 0)))
         .map_err(broken(name))?;
     let mut row = Vec::new();
+    // Where blocks of a part begin that have been read, and how many pixels they have.
+    let mut read: Vec<(BTreeSet<(usize, usize)>, usize)> = vec![Default::default(); meta.headers.len()];
     chunks
         .decompress_parallel(false, |meta, block| {
             let header = &meta.headers[block.index.layer];
+            let (begun, pixels) = &mut read[block.index.layer];
+            if !begun.insert((block.index.pixel_position.x(), block.index.pixel_position.y())) {
+                return Err(Error::Invalid("a block of pixels is there twice; copy the file again".into()));
+            }
+            *pixels += block.index.pixel_size.area();
             let places = &places[block.index.layer];
             let offset = |axis: fn(Vec2<i32>) -> i32| {
                 i64::from(axis(header.own_attributes.layer_position)) - i64::from(axis(window.position))
@@ -336,6 +386,10 @@ fn planes<R: Read + Seek>(
             Ok(())
         })
         .map_err(broken(name))?;
+    let of_parts = meta.headers.iter().zip(&read).zip(&parts);
+    if of_parts.into_iter().any(|((header, (_, pixels)), wanted)| *wanted && *pixels != header.layer_size.area()) {
+        return Err(DataError::Format(format!("{name}: blocks of pixels are missing; copy the file again")));
+    }
     Ok(images)
 }
 
@@ -437,6 +491,68 @@ mod tests {
             let alpha = read_exr_alpha(&path, layer).expect("own file");
             assert_eq!(alpha.map(|alpha| (alpha.channels(), alpha.data().to_vec())), value.map(|v| (1, vec![v; 2])));
         }
+    }
+
+    #[test]
+    fn layers_of_several_parts_are_never_mixed() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let path = dir.path().join("x.exr");
+        let write = |parts: &[(&str, &[&str], f32)]| {
+            let part = |(name, names, value): &(&str, &[&str], f32)| {
+                let channel = |name: &&str| AnyChannel::new(*name, FlatSamples::F32(vec![*value; 2]));
+                let channels = AnyChannels::sort(names.iter().map(channel).collect());
+                Layer::new(Vec2(2, 1), LayerAttributes::named(*name), Encoding::UNCOMPRESSED, channels)
+            };
+            let attributes = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(2, 1)));
+            let parts: Layers<AnyChannels<FlatSamples>> = parts.iter().map(part).collect();
+            exr::image::Image::from_layers(attributes, parts).write().to_file(&path).expect("written");
+        };
+        let first = |layer: &crate::Image| layer.pixel(0, 0).to_vec();
+        // Two views, each with its alpha.
+        let view = ["x.R", "x.G", "x.B", "x.A"];
+        write(&[("left", &view, 0.25), ("right", &view, 0.75)]);
+        let layers = read_exr(&path).expect("two views");
+        assert_eq!(layers.keys().collect::<Vec<_>>(), ["left.x", "right.x"]);
+        for (name, value) in [("left.x", 0.25), ("right.x", 0.75)] {
+            assert_eq!(first(&layers[name]), [value; 3]);
+            assert_eq!(read_exr_alpha(&path, name).expect("own file").expect("it has one").data(), [value; 2]);
+        }
+        // A whole layer, and a channel of its name in another part.
+        write(&[("left", &["x.R", "x.G", "x.B"], 1.0), ("right", &["x.R", "x.A"], 5.0)]);
+        assert_eq!(first(&read_exr(&path).expect("a layer")["x"]), [1.0; 3]);
+        assert_eq!(read_exr_alpha(&path, "x").expect("own file"), None, "it is of another part");
+        // Channels that are parts of their own make a layer; two of one letter make none.
+        write(&[("r", &["x.R"], 1.0), ("g", &["x.G"], 2.0), ("b", &["x.B"], 3.0)]);
+        assert_eq!(first(&read_exr(&path).expect("a layer")["x"]), [1.0, 2.0, 3.0]);
+        write(&[("r", &["x.R"], 1.0), ("g", &["x.G", "x.R"], 2.0), ("b", &["x.B"], 3.0)]);
+        let told = read_exr(&path).expect_err("two channels R").to_string();
+        assert!(told.contains("the channel R of the layer `x` is in several parts"), "{told}");
+    }
+
+    #[test]
+    fn blocks_that_are_missing_or_there_twice_are_told() {
+        let layer = Layer::new(
+            Vec2(2, 6),
+            LayerAttributes::default(),
+            Encoding { line_order: LineOrder::Increasing, ..Encoding::UNCOMPRESSED },
+            AnyChannels::sort(
+                ["R", "G", "B"]
+                    .into_iter()
+                    .map(|name| AnyChannel::new(name, FlatSamples::F32(vec![1.5; 12])))
+                    .collect(),
+            ),
+        );
+        let mut bytes = Cursor::new(Vec::new());
+        exr::image::Image::from_layer(layer).write().to_buffered(&mut bytes).expect("memory");
+        let whole = bytes.into_inner();
+        assert_eq!(parse_exr("x", &whole).expect("whole")[""].height(), 6);
+        // Blocks of lines are at the end of the file: y, bytes, and 3 x 2 numbers.
+        let start = whole.len() - 6 * (8 + 24);
+        assert_eq!(whole[start..start + 8], [0, 0, 0, 0, 24, 0, 0, 0], "a block of one line");
+        let mut twice = whole.clone();
+        twice[start + 3 * 32] = 4;
+        let told = parse_exr("x", &twice).expect_err("line 3 is missing").to_string();
+        assert!(told.contains("x: ") && told.contains("twice"), "{told}");
     }
 
     #[test]

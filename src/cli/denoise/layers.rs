@@ -1,7 +1,7 @@
 //! Recognises the layers of radiance, albedo and normals of an EXR file by the names that renderers give them, and
 //! converts normals to what the network wants. Knows no network.
 
-use crate::cli::CliError;
+use crate::{cli::CliError, registry::mended_normals};
 use std::path::{Path, PathBuf};
 use tauflow_data::{
     Image,
@@ -168,14 +168,7 @@ pub(super) fn camera_normals(
     camera: Option<[f32; 16]>,
 ) -> Result<(Image, Vec<String>), CliError> {
     let mut notes = Vec::new();
-    let mut damaged = 0;
-    for pixel in normals.data_mut().chunks_exact_mut(3).filter(|pixel| pixel.iter().any(|value| !value.is_finite())) {
-        pixel.fill(0.0);
-        damaged += 1;
-    }
-    if damaged > 0 {
-        notes.push(format!("{damaged} normals are not finite; they count as no normal"));
-    }
+    normals = mended_normals(normals, &mut notes).map_err(|error| CliError::Bad(error.to_string()))?;
     if encoded(&normals) {
         // Nothing was hit where the stored value is 0, or where it stands for 0.
         for pixel in normals.data_mut().chunks_exact_mut(3) {
@@ -256,14 +249,14 @@ fn encoded(normals: &Image) -> bool {
         && (plain as f64) < 0.5 * count as f64
 }
 
-/// Shortens what is longer than 1; returns the share of pixels that were by more than a little.
+/// Shortens what is longer than 1 by more than a little; returns the share of such pixels.
 fn unit(normals: &mut Image) -> f64 {
     let mut long = 0;
     let count = normals.data().len() / 3;
     for pixel in normals.data_mut().chunks_exact_mut(3) {
         let length = pixel.iter().map(|value| value * value).sum::<f32>().sqrt();
-        if length > 1.0 {
-            long += usize::from(length > 1.01);
+        if length > 1.01 {
+            long += 1;
             pixel.iter_mut().for_each(|value| *value /= length);
         }
     }
@@ -417,7 +410,8 @@ mod tests {
         let mut broken = plain.clone();
         broken.pixel_mut(12, 12)[1] = f32::NAN;
         let (found, notes) = camera(&broken, Space::Auto, None);
-        assert!(found.data().iter().all(|value| value.is_finite()) && notes[0].contains("1 normals"), "{notes:?}");
+        assert!(found.data().iter().all(|value| value.is_finite()), "{notes:?}");
+        assert!(notes[0].starts_with("1 of 576 pixels of the normals are not finite"), "{notes:?}");
         // World space: seen from above, where y is towards the camera.
         let turned = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]];
         let world = rotated(&plain, turned);

@@ -343,20 +343,31 @@ const KEY_BEFORE_BLACK: f64 = 4.0 * KEY;
 /// Largest side of tiles.
 const MOST_TILE: usize = 16384;
 
-/// How many times brighter than the median a value that the network is shown may be.
+/// How many times brighter than the median pixel a value that the network is shown may be.
 const BRIGHTEST: f32 = 1e6;
+
+/// How many times brighter than the brightest pixels but for a twentieth: if many are dark, the median is no measure.
+const BRIGHTER: f32 = 1e3;
+
+/// Pixels that tell the brightness of all.
+const TOLD: usize = 1 << 16;
 
 /// The largest value that the network is shown, before exposure.
 fn bound(image: &Image) -> f32 {
-    // Some of the pixels tell the median of all.
-    let step = (image.data().len() / (1 << 16)).max(1);
-    let mut values: Vec<f32> = image.data().iter().step_by(step).copied().filter(|value| *value > 0.0).collect();
+    let count = image.data().len() / 3;
+    // Multiples of the golden ratio are spread over the image, whatever its width.
+    let spread = |i: usize| ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) as u128 * count as u128 >> 64) as usize;
+    let pixels: &mut dyn Iterator<Item = usize> =
+        if count <= TOLD { &mut (0..count) } else { &mut (0..TOLD).map(spread) };
+    // The brightest colour: light may have one alone.
+    let brightest = pixels.map(|at| image.data()[3 * at..3 * at + 3].iter().fold(0.0f32, |most, v| most.max(*v)));
+    let mut values: Vec<f32> = brightest.filter(|value| *value > 0.0).collect();
     if values.is_empty() {
         return f32::MAX;
     }
-    let middle = values.len() / 2;
-    let (_, median, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
-    (*median * BRIGHTEST).min(f32::MAX)
+    values.sort_unstable_by(f32::total_cmp);
+    let (median, most) = (values[values.len() / 2], values[(values.len() - 1) * 19 / 20]);
+    (median * BRIGHTEST).max(most * BRIGHTER).min(f32::MAX)
 }
 
 /// The image with its last row and column repeated up to a multiple of so many pixels.

@@ -107,7 +107,7 @@ const UNUSED: (&str, &str) = ("a model is connected, but `weights` names a bundl
 const UNCONNECTED: (&str, &str) =
     ("`weights: connected` needs a model on the input `model`", "connect one, or set `weights: best`");
 
-const MAIN: Group = Group::main(4);
+const MAIN: Group = Group::main(5);
 const MEASURED: Group = Group::new("timing", 3);
 const REFINED: Out<Refined> = Out::new(MAIN, "refined", "The denoised image.");
 const TIMING: Out<Timing> = Out::new(MEASURED, "timing", "Wall time on all cores.").measured();

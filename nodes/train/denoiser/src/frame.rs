@@ -74,7 +74,14 @@ impl Frame {
     /// If it has another size or number of channels, or no pixel is finite.
     pub fn with_gbuffer(mut self, gbuffer: Image) -> Result<Self, KindError> {
         shape(&gbuffer, "the G-buffer", 6, Some(&self.radiance))?;
-        let mut gbuffer = mended(gbuffer, "the G-buffer", &mut self.notes)?;
+        let mut gbuffer = gbuffer;
+        if gbuffer.data().iter().any(|value| !value.is_finite()) {
+            let [albedo, normal] = [0, 3].map(|first| {
+                let values = gbuffer.data().chunks_exact(6).flat_map(|pixel| &pixel[first..first + 3]);
+                Image::from_data(gbuffer.width(), gbuffer.height(), 3, values.copied().collect()).expect("half of them")
+            });
+            gbuffer = beside(&mended_albedo(albedo, &mut self.notes)?, &mended_normals(normal, &mut self.notes)?);
+        }
         let pixels = || gbuffer.data().chunks_exact(6);
         odd_features(pixels().map(|pixel| &pixel[..3]), pixels().map(|pixel| &pixel[3..]), &mut self.notes);
         close_black_background(&self.radiance, gbuffer.data_mut(), 6);
@@ -89,9 +96,8 @@ impl Frame {
     pub fn with_features(mut self, albedo: Image, mut normal: Image) -> Result<Self, KindError> {
         shape(&albedo, "the albedo", 3, Some(&self.radiance))?;
         shape(&normal, "the normal", 3, Some(&self.radiance))?;
-        if [&albedo, &normal].iter().any(|image| image.data().iter().any(|value| !value.is_finite())) {
-            return self.with_gbuffer(beside(&albedo, &normal));
-        }
+        let albedo = mended_albedo(albedo, &mut self.notes)?;
+        normal = mended_normals(normal, &mut self.notes)?;
         odd_features(albedo.data().chunks_exact(3), normal.data().chunks_exact(3), &mut self.notes);
         close_black_background(&self.radiance, normal.data_mut(), 3);
         self.features = Some(Features::Apart(albedo, normal));
@@ -204,6 +210,19 @@ fn odd_features<'a>(
 /// How far the finite pixels are looked for that replace another, before the mean of all takes its place.
 const FARTHEST: usize = 8;
 
+fn mended_albedo(albedo: Image, notes: &mut Vec<String>) -> Result<Image, KindError> {
+    mended(albedo, "the albedo", notes)
+}
+
+/// Normals of which those that are not finite are replaced by the mean of the nearest others, which `notes` say: as in
+/// a [`Frame`], for those who convert normals before.
+///
+/// # Errors
+/// If none is finite.
+pub fn mended_normals(normal: Image, notes: &mut Vec<String>) -> Result<Image, KindError> {
+    mended(normal, "the normals", notes)
+}
+
 /// The image with pixels that are not finite replaced by the mean of the nearest finite ones.
 fn mended(image: Image, what: &str, notes: &mut Vec<String>) -> Result<Image, KindError> {
     let (width, height, channels) = (image.width(), image.height(), image.channels());
@@ -292,6 +311,26 @@ mod tests {
         assert_eq!(frame.radiance().pixel(1, 1), damaged.pixel(1, 1));
         assert!(frame.notes()[0].starts_with("2 of 12 pixels of radiance"), "{:?}", frame.notes());
         assert!(Frame::new(image(3, f32::NAN)).expect_err("none is").to_string().contains("no finite pixel"));
+    }
+
+    #[test]
+    fn damage_of_an_albedo_leaves_the_normal_and_the_reverse() {
+        let (mut albedo, mut normal) = (image(3, 0.5), image(3, 0.0));
+        normal.data_mut().iter_mut().skip(2).step_by(3).for_each(|value| *value = 1.0);
+        normal.pixel_mut(0, 0).copy_from_slice(&[1.0, 0.0, 0.0]);
+        albedo.pixel_mut(0, 0)[0] = f32::NAN;
+        normal.pixel_mut(3, 2)[1] = f32::INFINITY;
+        albedo.pixel_mut(3, 2)[1] = 0.25;
+        let frame = || Frame::new(image(3, 1.0)).expect("finite");
+        let apart = frame().with_features(albedo.clone(), normal.clone()).expect("others are finite");
+        let together = frame().with_gbuffer(beside(&albedo, &normal)).expect("others are finite");
+        assert_eq!(apart.notes(), together.notes());
+        assert!(apart.notes()[0].starts_with("1 of 12 pixels of the albedo"), "{:?}", apart.notes());
+        assert!(apart.notes()[1].starts_with("1 of 12 pixels of the normals"), "{:?}", apart.notes());
+        let [apart, together] = [apart, together].map(|frame| frame.features().expect("given").whole().into_owned());
+        assert_eq!(apart, together);
+        assert_eq!(apart.pixel(0, 0), [0.5, 0.5, 0.5, 1.0, 0.0, 0.0]);
+        assert_eq!(apart.pixel(3, 2), [0.5, 0.25, 0.5, 0.0, 0.0, 1.0]);
     }
 
     #[test]

@@ -19,7 +19,7 @@ mod tiles;
 pub use built_in::Weights;
 pub use denoiser::{Denoised, Denoiser, Settings};
 pub use denoising::{Denoising, DenoisingParams, Source};
-pub use frame::Frame;
+pub use frame::{Frame, mended_normals};
 
 use tauflow_contract::{KindRow, NodeKind};
 

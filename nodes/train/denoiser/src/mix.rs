@@ -174,12 +174,10 @@ impl Blur {
     fn lines(&self, values: &[f64], length: usize) -> Vec<f64> {
         let mut out = vec![0.0; values.len()];
         out.par_chunks_exact_mut(length).zip(values.par_chunks_exact(length)).for_each(|(out, line)| {
-            let mut sums = Vec::with_capacity(length + 1);
-            sums.push(0.0);
-            line.iter().for_each(|value| sums.push(sums[sums.len() - 1] + value));
             for (at, out) in out.iter_mut().enumerate() {
-                let (first, last) = (at.saturating_sub(self.reach), (at + self.reach + 1).min(length));
-                *out = (sums[last] - sums[first]) / (last - first) as f64;
+                let near = &line[at.saturating_sub(self.reach)..(at + self.reach + 1).min(length)];
+                // No differences of sums over the line: one huge value would take the digits of all that follow it.
+                *out = near.iter().sum::<f64>() / near.len() as f64;
             }
         });
         out
@@ -293,6 +291,38 @@ mod tests {
         // D = x + (y - x)/2 leaves half of the noise. Without the slope, (D - y)^2 would look too small to be noise.
         let (share, ratio, _) = mix(&board(), (0.2, 16), |clean, noise| clean + 0.5 * noise, 7);
         assert!(share < 0.15 && ratio < 1.1, "{share} {ratio}");
+    }
+
+    #[test]
+    fn a_huge_variance_changes_the_shares_around_it_alone() {
+        let noisy = board();
+        let denoised = noisy.map(|value| 0.98 * value);
+        let (moved, changes) = changed(&noisy);
+        let denoised_changed = moved.map(|value| 0.98 * value);
+        let shares = |huge: f32| {
+            let mut variance = noisy.map(|_| 1e-4);
+            variance.data_mut()[3 * (4 * SIDE + 4)..][..3].fill(huge);
+            let (samples, noisy, variance) = (Some(256), &noisy, &variance);
+            Evidence {
+                noisy,
+                variance,
+                samples,
+                denoised: &denoised,
+                denoised_changed: &denoised_changed,
+                changes: &changes,
+            }
+            .shares()
+        };
+        let far = |shares: Vec<f32>| {
+            let reach = 2 * (WINDOW + AROUND) + 5;
+            let away = |i: &usize| i % SIDE > reach || i / SIDE > reach;
+            (0..SIDE * SIDE).filter(away).map(|i| shares[i]).collect::<Vec<_>>()
+        };
+        let plain = far(shares(1e-4));
+        assert!(plain.len() > 500 && plain.iter().any(|share| *share > 0.0));
+        for huge in [1.0, 1e20, f32::MAX] {
+            assert_eq!(far(shares(huge)), plain, "{huge}");
+        }
     }
 
     #[test]

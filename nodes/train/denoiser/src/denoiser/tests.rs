@@ -207,6 +207,35 @@ fn a_told_count_leaves_no_more_noise_than_an_unknown_one() {
 }
 
 #[test]
+fn light_of_one_colour_and_objects_before_what_is_nearly_black_are_denoised() {
+    let denoiser = Denoiser::built_in(Weights::Fast).expect("bundled");
+    let noise = |width: usize, height: usize| made_up(width, height, 3, 4).map(|value| value.min(1.0));
+    let spread = |image: &Image, of: &dyn Fn(usize) -> bool| {
+        let values: Vec<f64> = (0..image.data().len()).filter(|i| of(*i)).map(|i| f64::from(image.data()[i])).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+    };
+    // One lit colour in images of sizes that are, and are not, multiples of those of the samples; and 60% of the image
+    // at the least number of half precision.
+    for (width, height) in [(96, 96), (256, 256), (260, 252)] {
+        for lit in 0..3 {
+            let mut image = noise(width, height);
+            image.data_mut().iter_mut().enumerate().for_each(|(i, v)| *v *= if i % 3 == lit { 1.0 } else { 1e-7 });
+            let made = denoiser.denoise(&Frame::new(image.clone()).expect("finite"), &Settings::default(), &mut quiet);
+            let [before, after] = [&image, &made.expect("fine").image].map(|image| spread(image, &|i| i % 3 == lit));
+            assert!(after < 0.4 * before, "{width} x {height}, {lit}: {before} {after}");
+        }
+        let mut image = noise(width, height);
+        let dark = 3 * width * (6 * height / 10);
+        image.data_mut()[..dark].fill(6e-8);
+        let made = denoiser.denoise(&Frame::new(image.clone()).expect("finite"), &Settings::default(), &mut quiet);
+        let made = made.expect("fine");
+        let [before, after] = [&image, &made.image].map(|image| spread(image, &|i| i > dark + 60 * width));
+        assert!(after < 0.4 * before && made.exposure < 10.0, "{width} x {height}: {before} {after} {}", made.exposure);
+    }
+}
+
+#[test]
 fn one_pixel_of_any_brightness_does_not_reach_the_others() {
     let denoiser = Denoiser::built_in(Weights::Best).expect("bundled");
     let plain = made_up(64, 64, 3, 4).map(|value| value.min(1.0));
