@@ -36,8 +36,24 @@ pub struct Lock {
 pub struct Differences {
     /// An output, its content in the lock and now; none where it is not there.
     pub outputs: Vec<(String, Option<Digest>, Option<Digest>)>,
+    /// Outputs of the lock that are measured or of this machine alone now.
+    pub unreproducible: Vec<String>,
     /// Outputs that were compared and are equal.
     pub equal: usize,
+    /// Outputs of the lock that were not compared: no target needs them.
+    pub skipped: usize,
+}
+
+impl Differences {
+    /// How many outputs differ.
+    pub fn len(&self) -> usize {
+        self.outputs.len() + self.unreproducible.len()
+    }
+
+    /// Whether none differs.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// A lock file that cannot be used.
@@ -56,12 +72,29 @@ pub enum LockError {
         hint: &'static str,
     },
     /// It is no lock file.
-    #[error("{path} is not a lock file: {message}; rewrite it with `--update-lock`", path = path.display())]
+    #[error(
+        "{path} is not a lock file: {message}; rewrite it with `--update-lock`, without `--target`",
+        path = path.display()
+    )]
     Parse {
         /// The file.
         path: PathBuf,
         /// Where and why.
         message: String,
+    },
+    /// It is that of another pipeline.
+    #[error(
+        "{path} is the lock file of the pipeline `{other}`, not of `{pipeline}`; give one of the two files another \
+         name, or delete the lock file if the pipeline has a new name",
+        path = path.display()
+    )]
+    Other {
+        /// The file.
+        path: PathBuf,
+        /// The pipeline in it.
+        other: String,
+        /// The pipeline that was run.
+        pipeline: String,
     },
 }
 
@@ -91,11 +124,11 @@ impl Lock {
         lock
     }
 
-    /// Reads a lock file.
+    /// Reads the lock file of a pipeline of this name.
     ///
     /// # Errors
-    /// If it is missing, unreadable or damaged.
-    pub fn read(path: &Path) -> Result<Self, LockError> {
+    /// If it is missing, unreadable or damaged, or that of another pipeline.
+    pub fn read(path: &Path, pipeline: &str) -> Result<Self, LockError> {
         let bytes = read_regular(path, MOST_BYTES).map_err(|source| LockError::Io {
             what: "read",
             path: path.to_owned(),
@@ -104,7 +137,15 @@ impl Lock {
         })?;
         let broken = |message: String| LockError::Parse { path: path.to_owned(), message };
         let text = str::from_utf8(&bytes).map_err(|error| broken(error.to_string()))?;
-        serde_saphyr::from_str(text).map_err(|error| broken(error.to_string()))
+        let lock: Self = serde_saphyr::from_str(text).map_err(|error| broken(error.to_string()))?;
+        if lock.pipeline != pipeline {
+            return Err(LockError::Other {
+                path: path.to_owned(),
+                other: lock.pipeline,
+                pipeline: pipeline.to_owned(),
+            });
+        }
+        Ok(lock)
     }
 
     /// Writes it at once.
@@ -149,35 +190,35 @@ impl Lock {
         text
     }
 
-    /// What a run of a part of the pipeline is to be compared with: the entries of the nodes that took part.
-    pub fn part_of(&self, now: &Self) -> Self {
-        let nodes: BTreeSet<&str> = now.bitwise.keys().map(|name| node_of(name)).collect();
-        let mut part = self.clone();
-        part.bitwise.retain(|name, _| nodes.contains(node_of(name)));
-        part
-    }
-
-    /// This lock with the entries of a run of a part of the pipeline, whose nodes have no others any more. Entries of
-    /// nodes that the pipeline no longer has are dropped.
-    pub fn with_part(&self, now: &Self, nodes: &BTreeSet<&str>) -> Self {
-        let replaced: BTreeSet<&str> = now.bitwise.keys().map(|name| node_of(name)).collect();
-        let mut all = self.clone();
-        all.pipeline.clone_from(&now.pipeline);
-        all.bitwise.retain(|name, _| nodes.contains(node_of(name)) && !replaced.contains(node_of(name)));
-        all.bitwise.extend(now.bitwise.clone());
-        all.left_out.retain(|name| nodes.contains(node_of(name)));
-        all.left_out.extend(now.left_out.clone());
+    /// This lock with the outputs of a run of a part of the pipeline. Entries of outputs that the pipeline does not have
+    /// are dropped.
+    pub fn with_part(&self, now: &Self, pipeline: &BTreeSet<String>) -> Self {
+        let kept = |name: &str| pipeline.contains(name) && !now.has(name);
+        let mut all = now.clone();
+        all.bitwise.extend(self.bitwise.iter().filter(|(name, _)| kept(name)).map(|(name, of)| (name.clone(), *of)));
+        all.left_out.extend(self.left_out.iter().filter(|name| kept(name)).cloned());
         all
     }
 
-    /// Compares what a run gave now.
-    pub fn compare(&self, now: &Self) -> Differences {
+    /// Whether it has an output.
+    fn has(&self, name: &str) -> bool {
+        self.bitwise.contains_key(name) || self.left_out.contains(name)
+    }
+
+    /// Compares what a run gave now. The names of all outputs of the pipeline tell those that no target needs from those
+    /// that are gone. With `part`, nodes that took no part in the run are left out.
+    pub fn compare(&self, now: &Self, pipeline: &BTreeSet<String>, part: bool) -> Differences {
         let mut found = Differences::default();
+        let took_part: BTreeSet<&str> = now.bitwise.keys().chain(&now.left_out).map(|name| node_of(name)).collect();
         let names: BTreeSet<&String> = self.bitwise.keys().chain(now.bitwise.keys()).collect();
         for name in names {
             let (was, is) = (self.bitwise.get(name).copied(), now.bitwise.get(name).copied());
             if was == is {
                 found.equal += 1;
+            } else if now.left_out.contains(name) {
+                found.unreproducible.push(name.clone());
+            } else if is.is_none() && (pipeline.contains(name) || part && !took_part.contains(node_of(name))) {
+                found.skipped += 1;
             } else {
                 found.outputs.push((name.clone(), was, is));
             }
@@ -211,38 +252,60 @@ mod tests {
         Lock::of("p", &outputs)
     }
 
+    /// All outputs of the pipeline.
+    fn all() -> BTreeSet<String> {
+        ["scenes.scenes", "solvers[loss=l1, x=\"2\"].model", "solvers.timing"].map(str::to_owned).into()
+    }
+
     #[test]
     fn a_lock_reads_as_it_was_written() {
         let dir = tempfile::tempdir().expect("a folder");
         let path = path_of(&dir.path().join("p.yaml"), Some("tiny"));
         assert!(path.ends_with("p.tiny.lock"));
-        assert!(matches!(Lock::read(&path), Err(LockError::Io { .. })));
+        assert!(matches!(Lock::read(&path, "p"), Err(LockError::Io { .. })));
         lock().write(&path).expect("room");
-        assert_eq!(Lock::read(&path).expect("own text"), lock());
+        assert_eq!(Lock::read(&path, "p").expect("own text"), lock());
+        let told = Lock::read(&path, "q").expect_err("that of p").to_string();
+        assert!(told.contains("of the pipeline `p`, not of `q`"), "{told}");
         fs::write(&path, "pipeline: [").expect("room");
-        assert!(matches!(Lock::read(&path), Err(LockError::Parse { .. })));
+        assert!(matches!(Lock::read(&path, "p"), Err(LockError::Parse { .. })));
     }
 
     #[test]
     fn a_part_is_compared_and_written_without_the_rest() {
-        let whole = lock();
-        let mut part = whole.clone();
+        let (whole, mut part) = (lock(), lock());
         part.bitwise.retain(|name, _| name.starts_with("solvers"));
-        assert_eq!(whole.part_of(&part).compare(&part), Differences { outputs: vec![], equal: 1 });
-        // A cell that the node no longer has is missed, and goes with the next writing.
-        let other = "solvers[loss=l2].model".to_owned();
-        let more = Lock { bitwise: [(other.clone(), Digest::of(b"c"))].into(), ..part.clone() };
-        let found = whole.part_of(&more).compare(&more);
-        assert_eq!(
-            found.outputs.iter().map(|(name, ..)| name).collect::<Vec<_>>(),
-            ["solvers[loss=l1, x=\"2\"].model", &other]
-        );
-        let nodes = BTreeSet::from(["scenes", "solvers"]);
-        let written = whole.with_part(&more, &nodes);
-        assert_eq!(written.bitwise.keys().collect::<Vec<_>>(), ["scenes.scenes", &other]);
-        assert_eq!(written.left_out, whole.left_out);
-        let gone = whole.with_part(&more, &BTreeSet::from(["solvers"]));
-        assert_eq!(gone.bitwise.keys().collect::<Vec<_>>(), [&other]);
+        let found = whole.compare(&part, &all(), true);
+        assert_eq!((found.equal, found.skipped, found.is_empty()), (1, 1, true));
+        assert_eq!(whole.with_part(&part, &all()), whole);
+        // An output of a node that took part, but that no target needs.
+        let mut other = all();
+        other.insert("solvers[loss=l2].model".to_owned());
+        let mut more = whole.clone();
+        more.bitwise.insert("solvers[loss=l2].model".to_owned(), Digest::of(b"c"));
+        assert!(more.compare(&part, &other, true).is_empty() && more.compare(&whole, &other, false).is_empty());
+        assert_eq!(more.with_part(&part, &other), more);
+        // A cell that the node no longer has is a difference, and is dropped.
+        assert_eq!(more.compare(&part, &all(), true).outputs.len(), 1);
+        assert_eq!(more.with_part(&part, &all()), whole);
+        // A node that is gone is a difference of the whole alone.
+        let mut gone = whole.clone();
+        gone.bitwise.insert("gone.out".to_owned(), Digest::of(b"c"));
+        assert!(gone.compare(&part, &all(), true).is_empty() && gone.compare(&whole, &all(), false).len() == 1);
+        assert_eq!(gone.with_part(&part, &all()), whole);
+    }
+
+    #[test]
+    fn an_output_that_is_no_longer_reproducible_differs() {
+        let (whole, mut now) = (lock(), lock());
+        now.bitwise.remove("scenes.scenes");
+        now.left_out.insert("scenes.scenes".to_owned());
+        for part in [false, true] {
+            let found = whole.compare(&now, &all(), part);
+            assert_eq!((found.unreproducible, found.outputs), (vec!["scenes.scenes".to_owned()], vec![]));
+        }
+        assert_eq!(whole.with_part(&now, &all()), now);
+        assert_eq!(now.with_part(&whole, &all()), whole);
     }
 
     #[test]
@@ -250,9 +313,9 @@ mod tests {
         let (before, mut now) = (lock(), lock());
         assert!(before.left_out.contains("solvers.timing"));
         *now.bitwise.get_mut("scenes.scenes").expect("it is there") = Digest::of(b"other");
-        let found = before.compare(&now);
+        let found = before.compare(&now, &all(), false);
         assert_eq!((found.outputs.len(), found.equal, found.outputs[0].0.as_str()), (1, 1, "scenes.scenes"));
         now.bitwise.clear();
-        assert_eq!(before.compare(&now).outputs[0].2, None);
+        assert_eq!(before.compare(&now, &BTreeSet::new(), false).outputs[0].2, None);
     }
 }

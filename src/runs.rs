@@ -225,6 +225,12 @@ impl RunRecord {
         self.failed = summary.failures.len() as u64;
     }
 
+    /// Takes how the results differ from what they should be.
+    pub fn refute(&mut self, error: String) {
+        self.outcome = Outcome::Failed;
+        self.error = Some(error);
+    }
+
     /// Takes why the run could not go on.
     pub fn fail(&mut self, error: String) {
         self.elapsed_s = engine::now().saturating_sub(self.started) as f64;

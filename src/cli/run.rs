@@ -14,7 +14,7 @@ use crate::{
         event::{self, Failure},
     },
     kinds::Registry,
-    lock::{self, Lock, LockError},
+    lock::{self, Differences, Lock, LockError},
     pipeline::{Pipeline, chart::Chart},
     query,
     runs::{Observer, PageFile, RunRecord, RunsError},
@@ -23,7 +23,8 @@ use crate::{
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
+    io::ErrorKind,
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -135,7 +136,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         upstream::prepare(cache, args.sign.as_deref())?;
     }
     let pipeline = args.pipeline.resolve(registry)?;
-    let before = if args.locked { Some(Lock::read(&args.lock_path())?) } else { None };
+    let before = args.lock(&pipeline.name)?;
     let only = args.only.as_deref().map(|text| Only::parse(text, &pipeline)).transpose().map_err(CliError::Bad)?;
     let store = cache.open()?;
     let measured = match args.accept_measured.as_deref() {
@@ -193,8 +194,21 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         (Ok(summary), Some(only)) => there_was(only, summary, &pipeline, &store),
         _ => Ok(()),
     };
+    let now = summary.as_ref().ok().filter(|summary| summary.is_whole());
+    let now = now.map(|summary| Lock::of(&pipeline.name, &summary.outputs));
+    let all = outputs(&pipeline);
+    let differences = match (&before, &now) {
+        (Some(before), Some(now)) if args.locked => Some(before.compare(now, &all, args.pipeline.has_targets())),
+        _ => None,
+    };
+    let refuted = differences.as_ref().filter(|found| !found.is_empty());
     match (&summary, &there) {
-        (Ok(summary), Ok(())) => record.end(summary),
+        (Ok(summary), Ok(())) => {
+            record.end(summary);
+            if let Some(found) = refuted {
+                record.refute(format!("{} from {}", differ(found.len()), args.lock_path().display()));
+            }
+        }
         (Ok(_), Err(error)) => record.fail(error.to_string()),
         (Err(error), _) => record.fail(error.to_string()),
     }
@@ -223,27 +237,44 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
         return Ok(Exit::Interrupted);
     }
     if args.push {
-        upstream::publish(&pipeline, registry, cache, args.sign.as_deref())?;
+        match refuted {
+            None => upstream::publish(&pipeline, registry, cache, args.sign.as_deref())?,
+            Some(_) => errln!("nothing was pushed, because outputs differ from the lock file"),
+        }
     }
-    if !summary.failures.is_empty() || !summary.elsewhere.is_empty() {
+    let Some(now) = now else {
         if args.locked || args.update_lock {
-            errln!("the lock file was not updated, because not all actions succeeded");
+            let what = if args.locked { "compared" } else { "updated" };
+            errln!("the lock file was not {what}, because not all actions succeeded");
         }
         return Ok(Exit::Failed);
-    }
-    let now = Lock::of(&pipeline.name, &summary.outputs);
+    };
     if args.update_lock {
-        let nodes = pipeline.nodes.iter().map(|node| node.name.as_str()).collect();
-        let whole = match args.pipeline.has_targets() && args.lock_path().exists() {
-            true => Lock::read(&args.lock_path())?.with_part(&now, &nodes),
-            false => now.clone(),
+        let whole = match before {
+            Some(before) if args.pipeline.has_targets() => before.with_part(&now, &all),
+            _ => now,
         };
         whole.write(&args.lock_path())?;
         errln!("wrote {}", args.lock_path().display());
     }
-    let part = |before: Lock| if args.pipeline.has_targets() { before.part_of(&now) } else { before };
-    let same = before.map(part).is_none_or(|before| tell_differences(&before, &now, args));
-    Ok(if same { Exit::Done } else { Exit::Failed })
+    if let Some(found) = &differences {
+        tell_differences(found, args);
+    }
+    Ok(if refuted.is_none() { Exit::Done } else { Exit::Failed })
+}
+
+/// The names of all outputs that a pipeline can have.
+fn outputs(pipeline: &Pipeline) -> BTreeSet<String> {
+    let of_cell = |(cell, node): (usize, usize)| {
+        let name = pipeline.cell_name(cell);
+        pipeline.nodes[node].spec.outputs.iter().map(move |output| format!("{name}.{}", output.name))
+    };
+    pipeline.cells.iter().map(|cell| cell.node).enumerate().flat_map(of_cell).collect()
+}
+
+/// `3 outputs differ`.
+fn differ(count: usize) -> String {
+    counted(count as u64, "output") + if count == 1 { " differs" } else { " differ" }
 }
 
 /// The command that runs the same again.
@@ -272,15 +303,27 @@ fn there_was(only: &Only, summary: &Summary, pipeline: &Pipeline, store: &Store)
 }
 
 impl RunArgs {
+    /// The lock file that this run needs, or writes a part of. One of another pipeline is never overwritten.
+    fn lock(&self, pipeline: &str) -> Result<Option<Lock>, CliError> {
+        let path = self.lock_path();
+        match Lock::read(&path, pipeline) {
+            _ if !(self.locked || self.update_lock) => Ok(None),
+            Ok(lock) => Ok(Some(lock)),
+            Err(LockError::Io { source, .. }) if self.update_lock && source.kind() == ErrorKind::NotFound => Ok(None),
+            // A damaged one is written anew.
+            Err(LockError::Parse { .. }) if self.update_lock && !self.pipeline.has_targets() => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
     fn lock_path(&self) -> PathBuf {
         let (file, profile) = self.pipeline.file();
         lock::path_of(file, profile)
     }
 }
 
-/// Says how the outputs differ from the lock; whether they do not.
-fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
-    let found = before.compare(now);
+/// Says how the outputs differ from the lock.
+fn tell_differences(found: &Differences, args: &RunArgs) {
     if args.events.is_some() {
         outln!("{}", json!({ "event": "locked", "of": found }));
     }
@@ -291,20 +334,21 @@ fn tell_differences(before: &Lock, now: &Lock, args: &RunArgs) -> bool {
             (None, Some(is)) => errln!("`{output}` is {is}; the lock file does not contain it"),
             (was, None) => {
                 let was = was.map(|digest| digest.to_string()).unwrap_or_default();
-                errln!("`{output}` is {was} in the lock file; this run did not produce it");
+                errln!("`{output}` is {was} in the lock file; the pipeline has no such output");
             }
         }
     }
-    if found.outputs.is_empty() {
+    for output in &found.unreproducible {
+        errln!("`{output}` is in the lock file, but is measured or of this machine alone now");
+    }
+    if found.skipped > 0 {
+        errln!("{} of the lock file not compared: no target needs them", counted(found.skipped as u64, "output"));
+    }
+    if found.is_empty() {
         errln!("{} agrees: {}", path.display(), counted(found.equal as u64, "output"));
     } else {
-        errln!(
-            "error: {} differ from {}; find the reason, or accept them with --update-lock",
-            counted(found.outputs.len() as u64, "output"),
-            path.display()
-        );
+        errln!("error: {} from {}; find the reason, or accept with --update-lock", differ(found.len()), path.display());
     }
-    found.outputs.is_empty()
 }
 
 /// The first Ctrl-C ends the run cleanly, the second at once.

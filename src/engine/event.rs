@@ -322,6 +322,11 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Whether all actions are done.
+    pub fn is_whole(&self) -> bool {
+        !self.interrupted && self.failures.is_empty() && self.elsewhere.is_empty()
+    }
+
     /// Sum over nodes.
     pub fn total(&self, of: impl Fn(&NodeStat) -> u64) -> u64 {
         self.nodes.iter().map(of).fold(0, u64::saturating_add)

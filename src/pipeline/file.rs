@@ -200,6 +200,7 @@ impl<'a> Loader<'a> {
 
     fn profiles(&mut self, value: Yaml) {
         for (name, entries) in read::map(value, "profiles", self.problems) {
+            read::check_name(&name, "a profile", self.problems);
             let entries = read::map(entries, "a profile", self.problems);
             // An included file's entries come first, so that the including file overrides them.
             match self.file.profiles.iter_mut().find(|p| p.name.text == name.text) {

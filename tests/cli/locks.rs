@@ -27,7 +27,11 @@ fn a_lock_holds_until_something_changes_and_is_never_written_by_itself() {
     // A node that goes is missed, one that comes is told.
     place.write("small.yaml", &PIPELINE[..PIPELINE.find("  sampling:").expect("it has one")]);
     let less = place.tauflow(&["run", "small.yaml", "--locked"]).ends(1);
-    assert!(less.err.contains("`sampling.train` is ") && less.err.contains("did not produce it"), "{}", less.err);
+    assert!(
+        less.err.contains("`sampling.train` is ") && less.err.contains("the pipeline has no such output"),
+        "{}",
+        less.err
+    );
 }
 
 #[test]
@@ -54,12 +58,53 @@ fn a_lock_is_compared_and_written_in_parts() {
     assert!(whole.err.contains("`sampling.train` is ") && whole.err.contains("does not contain it"), "{}", whole.err);
     // The parts make the whole.
     place.tauflow(&["run", "small.yaml", "--target", "sampling", "--update-lock"]).ends(0);
+    let parts = fs::read_to_string(place.path("small.lock")).expect("it is there");
     place.tauflow(&["run", "small.yaml", "--locked"]).ends(0);
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+    assert_eq!(fs::read_to_string(place.path("small.lock")).expect("it is there"), parts);
+    // Outputs that the part does not need are no differences, and are kept.
+    for target in ["split.test", "scenes"] {
+        let said = place.tauflow(&["run", "small.yaml", "--target", target, "--locked"]).ends(0);
+        assert!(said.err.contains("not compared: no target needs them"), "{target}: {}", said.err);
+        place.tauflow(&["run", "small.yaml", "--target", target, "--update-lock"]).ends(0);
+        assert_eq!(fs::read_to_string(place.path("small.lock")).expect("it is there"), parts, "{target}");
+    }
     // A change after the part is no difference in the part, and is one in the whole.
     place.write("small.yaml", &PIPELINE.replace("test_share: 0.5", "test_share: 0.25"));
     place.tauflow(&["run", "small.yaml", "--target", "scenes", "--locked"]).ends(0);
     let differs = place.tauflow(&["run", "small.yaml", "--target", "split", "--locked"]).ends(1);
-    assert!(differs.err.contains("`split.train` is ") && !differs.err.contains("sampling"), "{}", differs.err);
+    assert!(differs.err.contains("`split.train` is ") && !differs.err.contains("`sampling."), "{}", differs.err);
+    // One that is damaged is told before anything runs.
+    place.write("small.lock", "pipeline: [\n");
+    let damaged = place.tauflow(&["run", "small.yaml", "--target", "split", "--update-lock"]).ends(2);
+    assert!(damaged.err.contains("without `--target`") && !damaged.err.contains("as before"), "{}", damaged.err);
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+}
+
+#[test]
+fn a_lock_of_another_pipeline_is_neither_compared_nor_overwritten() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml", "--profile", "more", "--update-lock"]).ends(0);
+    place.write("small.more.yaml", &PIPELINE.replace("pipeline: small", "pipeline: other"));
+    for option in ["--locked", "--update-lock"] {
+        let said = place.tauflow(&["run", "small.more.yaml", option]).ends(2);
+        assert!(said.err.contains("of the pipeline `small`, not of `other`"), "{}", said.err);
+    }
+    // Names of profiles are parts of names of files.
+    place.write("bad.yaml", &PIPELINE.replace("{ more:", "{ more/than:"));
+    let said = place.tauflow(&["run", "bad.yaml", "--profile", "more/than", "--update-lock"]).ends(2);
+    assert!(said.err.contains("`more/than` cannot name a profile"), "{}", said.err);
+}
+
+#[test]
+fn what_a_lock_refutes_is_a_failed_run_and_is_not_pushed() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml", "--update-lock"]).ends(0);
+    place.write("small.yaml", &PIPELINE.replace("test_share: 0.5", "test_share: 0.25"));
+    let said = place.tauflow(&["run", "small.yaml", "--locked", "--push", "--upstream", "up"]).ends(1);
+    assert!(said.err.contains("nothing was pushed") && !said.err.contains("pushed 1"), "{}", said.err);
+    let runs = place.tauflow(&["runs"]).ends(0);
+    assert!(runs.out.lines().any(|line| line.contains("failed")), "{}", runs.out);
 }
 
 #[test]
