@@ -190,8 +190,8 @@ impl Lock {
         text
     }
 
-    /// This lock with the outputs of a run of a part of the pipeline. Entries of outputs that the pipeline does not have
-    /// are dropped.
+    /// This lock with the outputs of a run of a part of the pipeline. Entries of outputs that the pipeline does not
+    /// have are dropped.
     pub fn with_part(&self, now: &Self, pipeline: &BTreeSet<String>) -> Self {
         let kept = |name: &str| pipeline.contains(name) && !now.has(name);
         let mut all = now.clone();
@@ -205,8 +205,8 @@ impl Lock {
         self.bitwise.contains_key(name) || self.left_out.contains(name)
     }
 
-    /// Compares what a run gave now. The names of all outputs of the pipeline tell those that no target needs from those
-    /// that are gone. With `part`, nodes that took no part in the run are left out.
+    /// Compares what a run gave now. The names of all outputs of the pipeline tell those that no target needs from
+    /// those that are gone. With `part`, nodes that took no part in the run are left out.
     pub fn compare(&self, now: &Self, pipeline: &BTreeSet<String>, part: bool) -> Differences {
         let mut found = Differences::default();
         let took_part: BTreeSet<&str> = now.bitwise.keys().chain(&now.left_out).map(|name| node_of(name)).collect();

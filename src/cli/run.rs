@@ -6,7 +6,7 @@ use super::{
     notify,
     page::{self, Page},
     progress::{Display, Voice},
-    seconds_text, table, upstream,
+    quoted, seconds_text, table, upstream,
 };
 use crate::{
     engine::{
@@ -25,7 +25,7 @@ use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},
     io::ErrorKind,
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -171,7 +171,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     let recorded = record.write(&cache.folder()).map_err(unrecorded).is_ok();
     // It has a name from now on.
     options.run = recorded.then(|| record.id.clone());
-    let page = page(args, &pipeline, &record, cache);
+    let page = page(args, &pipeline, &record);
     let observer = recorded.then(|| Observer::start(&pipeline, &record, cache.folder(), page));
     let begun = display.begun();
     let summary = std::thread::scope(|scope| {
@@ -225,7 +225,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, cache: &CacheAt) -> Resul
     there?;
     let measured = Measured::last(&store, &pipeline);
     drop(store);
-    tell(&summary, &pipeline, args, cache);
+    tell(&summary, &pipeline, args, &record);
     if let Some(machine) = measured.words() {
         let how = if measured.accepted { "accepted from" } else { "made on" };
         errln!("measurements: {how} {machine}");
@@ -277,17 +277,40 @@ fn differ(count: usize) -> String {
     counted(count as u64, "output") + if count == 1 { " differs" } else { " differ" }
 }
 
-/// The command that runs the same again.
-fn again(args: &RunArgs, cache: &CacheAt) -> String {
-    let out = if args.out == Path::new("out") { String::new() } else { format!(" --out {}", args.out.display()) };
-    format!("tauflow run {}{out}{}", args.pipeline.again(), cache.again())
+/// Options of `run` that a run of one item does without, and whether a value follows.
+const OF_WHOLE_RUNS: [(&str, bool); 9] = [
+    ("--shard", true),
+    ("--wait", false),
+    ("--only", true),
+    ("--locked", false),
+    ("--update-lock", false),
+    ("--push", false),
+    ("--sign", true),
+    ("--notify", true),
+    ("--events", true),
+];
+
+/// The command line of a run, for people who run it again; without some options.
+fn command(record: &RunRecord, without: &[(&str, bool)]) -> String {
+    let mut words = vec!["tauflow".to_owned()];
+    let mut left = record.command.iter().skip(1);
+    while let Some(word) = left.next() {
+        let name = word.split('=').next().unwrap_or(word);
+        match without.iter().find(|(option, _)| *option == name) {
+            Some((_, true)) if name == word => _ = left.next(),
+            Some(_) => {}
+            None => words.push(quoted(word)),
+        }
+    }
+    words.join(" ")
 }
 
 /// The page of the run.
-fn page(args: &RunArgs, pipeline: &Pipeline, record: &RunRecord, cache: &CacheAt) -> PageFile {
+fn page(args: &RunArgs, pipeline: &Pipeline, record: &RunRecord) -> PageFile {
     let folder = args.out.join(&pipeline.name);
     let order: Vec<String> = pipeline.nodes.iter().map(|node| node.name.clone()).collect();
-    let page = Page::new(record, Chart::new(pipeline), &order, again(args, cache), folder.clone());
+    let again = command(record, &OF_WHOLE_RUNS);
+    let page = Page::new(record, Chart::new(pipeline), &order, again, folder.clone());
     PageFile { path: folder.join(engine::publish::PAGE), html: Box::new(move |shown| page.html(shown)) }
 }
 
@@ -362,8 +385,7 @@ fn listen(stop: Arc<AtomicBool>, voice: Voice) -> Result<(), CliError> {
     .map_err(|e| CliError::Environment(format!("cannot listen for Ctrl-C: {e}")))
 }
 
-fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt) {
-    let again = again(args, cache);
+fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, record: &RunRecord) {
     let ran = summary.total(|n| n.ran);
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
@@ -389,7 +411,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
         let which = if args.recheck > 0.0 { "recheck" } else { "audit" };
         errln!("{which}: {} made again, {differing} of them different", counted(equal + differing, "result"));
     }
-    show_failures(&summary.failures, &again);
+    show_failures(&summary.failures, &command(record, &OF_WHOLE_RUNS));
     if args.events.is_some() {
         summary.failures.iter().for_each(|failure| outln!("{}", json!({ "event": "failure", "of": failure })));
     }
@@ -399,7 +421,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, cache: &CacheAt)
         errln!("{missing}");
     }
     if summary.interrupted {
-        errln!("stopped; to resume, run: {again}");
+        errln!("stopped; to resume, run: {}", command(record, &[]));
     }
     let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
     let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));

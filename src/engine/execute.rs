@@ -308,10 +308,20 @@ impl Executing<'_> {
         let Produced { payload, collections, put, seen } = produced;
         let (action, store) = (self.action, self.holdings.store);
         let Producer { spec, group, transient, .. } = self.producer;
-        let mut bytes = payload.items.values().map(Artifact::size).sum::<u64>();
+        // Blobs that come from the inputs, such as those of the scenes of a split, are not of this action.
+        let mut known: BTreeSet<Digest> =
+            action.each.iter().flat_map(|(_, of)| of.artifact.parts.values()).copied().collect();
+        for (_, sharded) in action.whole.iter() {
+            known.extend(sharded.blobs(store)?.0);
+        }
+        let mut new = |artifact: &Artifact| {
+            let of = artifact.parts.values().filter(|digest| known.insert(**digest));
+            of.fold(0, |sum: u64, digest| sum.saturating_add(digest.size))
+        };
+        let mut bytes = payload.items.values().map(&mut new).sum::<u64>();
         for (_, sharded) in &collections {
             let items = sharded.items(store)?.unwrap_or_default(); // just made, so at hand
-            bytes += items.iter().map(|(_, output)| output.artifact.size()).sum::<u64>();
+            bytes += items.iter().map(|(_, output)| new(&output.artifact)).sum::<u64>();
         }
         let recipe = serde_json::to_string(&action.given(store)?).expect("keys and digests always serialise");
         // The files that a program opened are part of the key, and known only now.

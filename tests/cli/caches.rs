@@ -272,3 +272,12 @@ fn users_of_one_group_run_on_one_cache_or_are_told_what_to_set() {
         assert!(said.err.contains(word), "{word}: {}", said.err);
     }
 }
+
+#[test]
+fn a_plan_counts_what_a_node_adds_and_not_what_it_passes_on() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    let plan = place.tauflow(&["plan", "small.yaml", "--set", "split.test_share=0.25"]).ends(0).out;
+    // The scenes that a split passes on have megabytes; its own results are lists of them.
+    assert!(plan.contains("of results, from earlier runs") && !plan.contains("MiB"), "{plan}");
+}

@@ -77,6 +77,9 @@ fn a_failed_item_is_1_and_says_how_to_run_it_again() {
     let again = said.err.lines().find_map(|line| line.trim().strip_prefix("retry: tauflow "));
     let again: Vec<&str> = again.expect("the command is shown").split_whitespace().collect();
     assert_eq!(again, ["run", "small.yaml", "--only", "sampling"]);
+    // How actions run stays; what only whole runs have goes.
+    let said = place.tauflow(&["run", "small.yaml", "--jobs=1", "--shard", "1/1", "--wait"]).ends(1);
+    assert!(said.err.contains("retry: tauflow run small.yaml --jobs=1 --only sampling\n"), "{}", said.err);
     let events = place.tauflow(&["run", "small.yaml", "--events", "json"]).ends(1);
     let failure = events.lines().into_iter().find(|line| line.contains(r#""event":"failure""#)).expect("it is told");
     assert!(failure.contains("strata fall short"), "{failure}");
@@ -101,7 +104,8 @@ fn an_interrupt_is_130_and_the_next_run_goes_on() {
     assert!(interrupt.success());
     let rest: Vec<String> = lines.map(|line| line.expect("text")).collect();
     let said = Said::of(&child.wait_with_output().expect("it ends")).ends(130);
-    assert!(said.err.contains("stopping") && said.err.contains("to resume, run"), "{}", said.err);
+    let resume = "to resume, run: tauflow run small.yaml --events json --jobs 1 --target scenes\n";
+    assert!(said.err.contains("stopping") && said.err.contains(resume), "{}", said.err);
     assert!(rest.last().is_some_and(|l| l.contains(r#""event":"finished""#)), "{:?}", rest.last());
     // What was done before the interrupt is done.
     let plan = place.tauflow(&["plan", "small.yaml", "--target", "scenes"]).ends(0).out;

@@ -51,7 +51,7 @@ const SCORES: All<SceneScores> = All::new("scores", "Scores of refined images, b
 const HOLD: All<SceneScores> = All::new("hold", "Scores of the endpoints from which all methods start, by scene.");
 const BASELINES: All<SceneScores> =
     All::new("baselines", "Scores of other methods, such as denoisers, by cell and scene.").or_none();
-const MAIN: Group = Group::main(6);
+const MAIN: Group = Group::main(7);
 const TABLES: Out<Evaluation> = Out::new(MAIN, "tables", "Means, intervals, curves and all scores.").single();
 
 impl Kind for EvaluationKind {
