@@ -164,7 +164,8 @@ pub(crate) fn diff(args: &DiffArgs, cache: &CacheAt) -> Result<Exit, CliError> {
     let after = match &args.other {
         Some(other) => runs::find(&records, other)?,
         None => {
-            let ended = |record: &RunRecord| !matches!(record.outcome, Outcome::Running | Outcome::Killed);
+            let ended =
+                |record: &RunRecord| !matches!(record.outcome, Outcome::Running | Outcome::Killed | Outcome::Error);
             let latest = records.iter().rfind(|record| record.pipeline == before.pipeline && ended(record));
             let latest = latest.unwrap_or(before);
             if latest.id == before.id {
@@ -191,8 +192,9 @@ fn show(before: &RunRecord, after: &RunRecord, found: &Comparison, all: bool) {
             .commit
             .as_ref()
             .map_or_else(String::new, |hash| format!(", commit {}", hash.chars().take(10).collect::<String>()));
+        let options: String = record.overrides.iter().map(|option| format!(" {option}")).collect();
         outln!(
-            "{name:6}  {}  {}  {}; tauflow {}{commit}; {} ({} threads)",
+            "{name:6}  {}  {}  {}{options}; tauflow {}{commit}; {} ({} threads)",
             record.id,
             record.pipeline,
             record.outcome.text(),
@@ -213,18 +215,19 @@ fn show(before: &RunRecord, after: &RunRecord, found: &Comparison, all: bool) {
     show_by_cell(changes, all);
     outln!("\noutputs: {} equal, {} different", found.equal_outputs, found.outputs.len());
     let changes = found.outputs.iter().map(|change| {
-        let digest = |digest: &Option<tauflow_cache::Digest>| digest.map_or_else(|| "none".into(), |d| d.short());
         let why = if change.bitwise { "" } else { "  (machine-dependent or measured)" };
-        let (before, after) = match (change.before, change.after) {
-            // Several cells share only how they changed.
-            (Some(_), Some(_)) if !all && cell_of(&change.name).is_some() => {
-                return (change.name.as_str(), format!("different{why}"));
-            }
-            _ => (digest(&change.before), digest(&change.after)),
+        // Several cells share only how they changed.
+        let text = match !all && cell_of(&change.name).is_some() {
+            true => format!("different{why}"),
+            false => format!("{} -> {}{why}", change.before.short(), change.after.short()),
         };
-        (change.name.as_str(), format!("{before} -> {after}{why}"))
+        (change.name.as_str(), text)
     });
     show_by_cell(changes, all);
+    for (run, only) in [("before", &found.only_before), ("after", &found.only_after)] {
+        let told = format!("only {run}; the other run did not make it or need it");
+        show_by_cell(only.iter().map(|name| (name.as_str(), told.clone())), all);
+    }
     for name in &found.unknown_outputs {
         outln!("  {name}: not compared, because it is incomplete in one of the runs");
     }

@@ -29,6 +29,10 @@ pub struct Comparison {
     pub outputs: Vec<OutputChange>,
     /// Outputs that are equal.
     pub equal_outputs: u64,
+    /// Outputs that only the first run made or needed.
+    pub only_before: Vec<String>,
+    /// Outputs that only the second run made or needed.
+    pub only_after: Vec<String>,
     /// Outputs that cannot be compared, because something failed in one of the runs.
     pub unknown_outputs: Vec<String>,
     /// Rows of the scores, by output.
@@ -54,15 +58,15 @@ pub struct ParamChange {
     pub after: Option<Value>,
 }
 
-/// An output that differs; none where a run does not have it.
+/// An output of both runs that differs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputChange {
     /// `node.port`, or `node[cell].port`.
     pub name: String,
     /// In the first run.
-    pub before: Option<Digest>,
+    pub before: Digest,
     /// In the second run.
-    pub after: Option<Digest>,
+    pub after: Digest,
     /// Whether its bits are the same on every machine.
     pub bitwise: bool,
 }
@@ -144,35 +148,36 @@ pub fn compare(before: &RunRecord, after: &RunRecord, store: &Store) -> Result<C
             found.unknown_outputs.push(name.clone());
             continue;
         }
-        if let (Some(was), Some(is)) = (was, is) {
-            match (was.digest, is.digest) {
-                (Some(a), Some(b)) if a == b => {
-                    found.equal_outputs += 1;
-                    continue;
-                }
-                (Some(_), Some(_)) => {}
-                _ => {
-                    found.unknown_outputs.push(name.clone());
-                    continue;
-                }
+        let (was, is) = match (was, is) {
+            (Some(was), Some(is)) => (was, is),
+            (Some(_), None) => {
+                found.only_before.push(name.clone());
+                continue;
             }
-            if metrics::has_scores(was) && was.media == is.media {
-                let pair = (scores(store, was, before)?, scores(store, is, after)?);
-                match pair {
-                    (Ok(was), Ok(is)) => {
-                        found.rows.push(RowCounts::of(name, &was, &is));
-                        found.metrics.extend(paired(name, &was, &is));
-                    }
-                    (Err(why), _) | (_, Err(why)) => found.without_metrics.push((name.clone(), why)),
+            _ => {
+                found.only_after.push(name.clone());
+                continue;
+            }
+        };
+        let (Some(a), Some(b)) = (was.digest, is.digest) else {
+            found.unknown_outputs.push(name.clone());
+            continue;
+        };
+        if a == b {
+            found.equal_outputs += 1;
+            continue;
+        }
+        if metrics::has_scores(was) && was.media == is.media {
+            let pair = (scores(store, was, before)?, scores(store, is, after)?);
+            match pair {
+                (Ok(was), Ok(is)) => {
+                    found.rows.push(RowCounts::of(name, &was, &is));
+                    found.metrics.extend(paired(name, &was, &is));
                 }
+                (Err(why), _) | (_, Err(why)) => found.without_metrics.push((name.clone(), why)),
             }
         }
-        found.outputs.push(OutputChange {
-            name: name.clone(),
-            before: was.and_then(|output| output.digest),
-            after: is.and_then(|output| output.digest),
-            bitwise: is.or(was).is_some_and(|output| output.bitwise),
-        });
+        found.outputs.push(OutputChange { name: name.clone(), before: a, after: b, bitwise: is.bitwise });
     }
     (found.metrics, found.repeated_metrics) = once(found.metrics);
     Ok(found)

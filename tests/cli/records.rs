@@ -73,6 +73,22 @@ fn a_diff_names_params_outputs_and_times() {
 }
 
 #[test]
+fn outputs_that_a_run_did_not_need_are_no_differences() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    place.tauflow(&["run", "small.yaml", "--target", "scenes"]).ends(0);
+    // A run that could not begin made nothing, and is not what people ask for.
+    place.tauflow(&["run", "small.yaml", "--only", "scenes/nobody"]).ends(2);
+    let found = records(&place);
+    let said = place.tauflow(&["diff", &id(&found[0])]).ends(0).out;
+    assert!(said.contains("done --target scenes; tauflow"), "{said}");
+    assert!(said.contains("outputs: 1 equal, 0 different\n"), "{said}");
+    assert!(said.contains("split.train: only before; the other run did not make it or need it"), "{said}");
+    let said = place.tauflow(&["diff", &id(&found[1]), &id(&found[0])]).ends(0).out;
+    assert!(said.contains("sampling.train: only after;"), "{said}");
+}
+
+#[test]
 fn a_run_that_is_not_there_is_an_error_with_a_hint() {
     let (place, records) = three();
     let said = |arguments: &[&str]| -> Said { place.tauflow(arguments).ends(2) };
