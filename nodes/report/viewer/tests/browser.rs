@@ -406,6 +406,12 @@ fn scenes_are_found_by_stratum_verdict_and_value() {
     pick(&mut browser, "sort", order.as_str().expect("a number"));
     browser.eval("$('rows').firstChild.click()");
     browser.wait("state.scene === 3999 && now.data !== null && now.data.number === 3999");
+    // Names are an order of their own where scenes are listed otherwise.
+    let found = browser.eval("orders().slice(0, 2).map(([label, places]) => [label, places === null])");
+    assert_eq!(found, json!([["As listed", true], ["Name", false]]));
+    pick(&mut browser, "sort", "1");
+    let sorted = "listed.map((i) => index.scenes[i].key).every((key, i, all) => !i || all[i - 1] < key)";
+    assert_eq!(browser.eval(sorted), json!(true));
     calm(&browser);
 }
 
@@ -442,6 +448,14 @@ fn damage_is_told() {
     browser.eval("await goTo(1)");
     let message = browser.eval(told).as_str().expect("a text").to_owned();
     assert!(message.contains("page_files/s000001.js is missing; make this page again: tauflow view"), "{message}");
+    // Nothing of the scene before is left.
+    let name = browser.eval("index.scenes[1].key").as_str().expect("a text").to_owned();
+    assert!(browser.eval("$('title').textContent").as_str().is_some_and(|title| title.starts_with(&name)));
+    assert!(browser.eval("location.hash").as_str().is_some_and(|hash| hash.contains(&name)));
+    assert_eq!(
+        browser.eval("[$('facts').children.length, $('error-box').hidden, $('rail').children.length]"),
+        json!([0, true, 0])
+    );
     browser.eval("await goTo(2)");
     let message = browser.eval(told).as_str().expect("a text").to_owned();
     assert!(message.contains("000002, ") && message.contains("its data is damaged; make"), "{message}");

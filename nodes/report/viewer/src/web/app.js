@@ -82,9 +82,12 @@ async function refresh() {
     remember();
   } catch (error) {
     if (token !== now.token) return;
-    now.a = now.b = null;
+    // Figures of the scene before must not stand below the name of this one.
+    now.a = now.b = now.error = null;
     tell(error.message, true);
+    showPanels();
     redraw();
+    remember();
   }
 }
 

@@ -16,7 +16,10 @@ function thumbOf(number) {
 
 /// Columns that scenes can be ordered by: [label, values by scene, whether large values come first].
 function orders() {
-  const found = [["Name", null, false]];
+  const names = index.scenes.map((scene) => scene.key), sorted = [...names].sort();
+  const places = new Map(sorted.map((name, place) => [name, place]));
+  const byName = ["Name", names.map((name) => places.get(name)), false];
+  const found = names.every((name, i) => name === sorted[i]) ? [byName] : [["As listed", null, false], byName];
   for (const metric of index.metrics) {
     for (const [frame, values] of Object.entries(metric.values)) {
       found.push([`${metric.name}: ${frameName(frame)}`, values, false, metric.unit]);
