@@ -169,19 +169,36 @@ impl Page {
             return;
         }
         let _ = writeln!(out, "<h2>Failures: {failed}</h2>");
-        for failure in failures.iter().take(MOST_FAILURES) {
-            let only = failure.only();
+        // Failures of one cause are shown once, with all their names.
+        let mut causes: Vec<(&str, Vec<String>)> = Vec::new();
+        for failure in failures {
+            match causes.iter_mut().find(|(message, _)| *message == failure.message) {
+                Some((_, names)) => names.push(failure.only()),
+                None => causes.push((&failure.message, vec![failure.only()])),
+            }
+        }
+        let mut shown = 0;
+        for (message, names) in causes.iter().take(MOST_FAILURES) {
+            shown += names.len() as u64;
+            let more = match names.len() - 1 {
+                0 => String::new(),
+                more => format!(
+                    "<details><summary>and {} with the same cause</summary><p>{}</p></details>",
+                    counted(more as u64, "other"),
+                    names[1..].iter().map(|name| escaped(name)).collect::<Vec<_>>().join(" &middot; ")
+                ),
+            };
             let _ = writeln!(
                 out,
-                "<p><b>{}</b></p><pre>{}</pre><p class=\"facts\">retry: <code>{} --only {}</code></p>",
-                escaped(&only),
-                escaped(&failure.message),
+                "<p><b>{}</b></p><pre>{}</pre><p class=\"facts\">retry: <code>{} --only {}</code></p>{more}",
+                escaped(&names[0]),
+                escaped(message),
                 escaped(&self.again),
-                escaped(&super::quoted(&only))
+                escaped(&super::quoted(&names[0]))
             );
         }
-        if failed > MOST_FAILURES as u64 {
-            let _ = writeln!(out, "<p>and {} more</p>", failed - MOST_FAILURES as u64);
+        if failed > shown {
+            let _ = writeln!(out, "<p>and {} more</p>", failed - shown);
         }
     }
 

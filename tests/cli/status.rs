@@ -129,6 +129,14 @@ fn a_page_tells_failures_with_their_messages_and_how_to_retry() {
     let html = page(&place).expect("a page");
     assert!(html.contains("class=\"state failed\"") && html.contains("<h2>Failures: 1</h2>"), "{html}");
     assert!(html.contains("no &lt;luck&gt; today") && html.contains("run small.yaml --only waits/a"), "{html}");
+    // Items that fail for one cause have one message.
+    let first = "mkdir out/first/a; echo 1 > out/first/a/n";
+    let more = "for i in a b c; do mkdir out/first/$i; echo $i > out/first/$i/n; done";
+    place.write("small.yaml", &PIPELINE.replace(first, &format!("'{more}'")));
+    place.tauflow(&["run", "small.yaml"]).ends(1);
+    let html = page(&place).expect("a page");
+    assert!(html.contains("<h2>Failures: 3</h2>") && html.contains("and 2 others with the same cause"), "{html}");
+    assert_eq!(html.matches("no &lt;luck&gt; today").count(), 1, "{html}");
 }
 
 #[test]

@@ -40,7 +40,13 @@ impl Scale {
 
     /// About `count` round values on the axis.
     pub fn ticks(&self, count: usize) -> Vec<f64> {
-        if self.log { self.log_ticks(count) } else { self.linear_ticks(count) }
+        if !self.log {
+            return self.linear_ticks(count);
+        }
+        let ticks = self.log_ticks(count);
+        // A short axis may lie between round powers and their doubles.
+        let [low, high] = [self.low, self.high].map(|end| pow(10.0, end));
+        if ticks.len() < 2 { Self { log: false, low, high }.linear_ticks(count) } else { ticks }
     }
 
     fn linear_ticks(&self, count: usize) -> Vec<f64> {
@@ -469,6 +475,11 @@ mod tests {
         let log = Scale::log([1.0, 256.0], 0.0);
         let ticks: Vec<String> = log.ticks(9).into_iter().map(compact).collect();
         assert_eq!(ticks, ["1", "2", "5", "10", "20", "50", "100", "200"]);
+        // Short axes have round values, too.
+        for ends in [[0.105, 0.18], [0.023, 0.041], [1.02, 1.07], [700.0, 990.0]] {
+            let ticks = Scale::log(ends, 0.0).ticks(5);
+            assert!(ticks.len() >= 2 && ticks.iter().all(|v| (ends[0]..=ends[1]).contains(v)), "{ends:?}: {ticks:?}");
+        }
         assert!(log.place(0.0).is_none() && log.place(-1.0).is_none());
         assert_eq!(log.place(1.0), Some(0.0));
     }

@@ -60,7 +60,8 @@ pub fn section(statistics: &[(String, SceneStatistics)]) -> Option<Section> {
             }
             values.sort_by(f64::total_cmp);
             let [low, middle, high] = [0.25, 0.5, 0.75].map(|share| show(quantile(&values, share)));
-            let _ = write!(out, "<td>{middle}<span class=\"ci\">{low} – {high}</span></td>");
+            let quartiles = format!("<span class=\"ci\">{low} – {high}</span>");
+            let _ = write!(out, "<td>{middle}{}</td>", if values.len() > 1 { &quartiles } else { "" });
         }
         out.push_str("</tr>");
     }
