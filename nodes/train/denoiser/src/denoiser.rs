@@ -356,7 +356,8 @@ const TOLD: usize = 1 << 16;
 fn bound(image: &Image) -> f32 {
     let count = image.data().len() / 3;
     // Multiples of the golden ratio are spread over the image, whatever its width.
-    let spread = |i: usize| ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) as u128 * count as u128 >> 64) as usize;
+    let fraction = |i: usize| u128::from((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let spread = |i: usize| ((fraction(i) * count as u128) >> 64) as usize;
     let pixels: &mut dyn Iterator<Item = usize> =
         if count <= TOLD { &mut (0..count) } else { &mut (0..TOLD).map(spread) };
     // The brightest colour: light may have one alone.

@@ -109,7 +109,7 @@ fn differences(device: &Device) -> Vec<(String, f64)> {
         let previews = loss.is_unbiased().then(|| Arc::new(numbers(12, size)));
         let noise = loss.is_structural().then(|| Arc::new(numbers(13, size).iter().map(|v| 0.1 * v.abs()).collect()));
         let state = Arc::new(numbers(10, size));
-        let shown = loss.of_images().then(|| Shown { state, side, previews, noise });
+        let shown = loss.of_images().then_some(Shown { state, side, previews, noise });
         let loss = MeanLoss { target: Arc::new(numbers(8, size)), count: 900, loss, shown };
         all.push((format!("{:?}", loss.loss), difference(loss, [numbers(9, size)], device)));
     }
