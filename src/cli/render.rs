@@ -48,10 +48,9 @@ pub(crate) struct RenderArgs {
     /// Double the samples until the estimated relative error is at most this value: 0.01 is 1%.
     #[arg(long, value_name = "ERROR", value_parser = above_zero, conflicts_with_all = ["spp", "seconds"])]
     error: Option<f64>,
-    /// Maximum number of samples per pixel with --error.
-    #[arg(long, value_name = "N", requires = "error", default_value_t = 65536,
-          value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
-    at_most: u64,
+    /// Maximum number of samples per pixel with --error. Default: 65536.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
+    at_most: Option<u64>,
     /// Sample for this many seconds, not counting the time to read the scene.
     #[arg(long, value_name = "S", value_parser = above_zero, conflicts_with = "spp")]
     seconds: Option<f64>,
@@ -78,6 +77,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "HOST:PORT")]
     tev: Option<String>,
 }
+
+/// Most samples per pixel with --error.
+const AT_MOST: u64 = 65536;
 
 /// Samples per pixel of a G-buffer.
 const GBUFFER_SAMPLES: u64 = 32;
@@ -111,6 +113,9 @@ impl RenderArgs {
             let file = self.out.display();
             return bad(format!("{file} has no room for layers; write an .exr, or leave --gbuffer and --variance out"));
         }
+        if self.at_most.is_some() && self.error.is_none() {
+            return bad("--at-most needs --error, whose samples it limits; --spp sets their number".to_owned());
+        }
         if self.gbuffer_samples.is_some() && !(self.gbuffer || self.denoise) {
             return bad("--gbuffer-samples needs --gbuffer or --denoise, which render a G-buffer".to_owned());
         }
@@ -120,7 +125,7 @@ impl RenderArgs {
                 .to_owned());
         }
         let (most, option) = match (self.error, self.seconds) {
-            (Some(_), _) => (self.at_most, "--at-most"),
+            (Some(_), _) => (self.at_most.unwrap_or(AT_MOST), "--at-most"),
             (None, Some(_)) => (u64::MAX, "--seconds"),
             (None, None) => (self.film.spp, "--spp"),
         };
@@ -217,7 +222,7 @@ pub(crate) fn render(args: &RenderArgs, registry: &Registry, cache: &CacheAt) ->
         done < least || next.as_secs_f64() <= limit
     };
     let goal = match (args.error, args.seconds) {
-        (Some(relative_error), _) => Goal::Error(Until::new(relative_error, args.at_most), least),
+        (Some(relative_error), _) => Goal::Error(Until::new(relative_error, args.at_most.unwrap_or(AT_MOST)), least),
         (None, Some(_)) => Goal::While(&mut fits),
         (None, None) => Goal::Samples(args.film.spp),
     };

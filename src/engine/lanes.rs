@@ -136,6 +136,15 @@ impl Only {
                 return Ok(Self { node, cell: Some(cell), item: Some(item(below)?) });
             }
         }
+        if pipeline.nodes[node].spec.mode == Mode::Gather {
+            let cells: Vec<&str> = pipeline.cells[pipeline.nodes[node].cells.clone()]
+                .iter()
+                .map(|cell| cell.text.as_str())
+                .filter(|text| !text.is_empty())
+                .collect();
+            let cells = if cells.is_empty() { String::new() } else { format!("; its cells: {}", cells.join(", ")) };
+            return Err(format!("`{name}` works on whole collections and has no item `{rest}`{cells}"));
+        }
         Ok(Self { node, cell: None, item: Some(item(rest)?) })
     }
 }

@@ -151,16 +151,20 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
 }
 
 /// Writes `run.json`: what the run did, by node, and the name of the run. A run that did nothing keeps the account of
-/// the run that did the work.
+/// the run that did the work. One that published nothing keeps that of the run whose files are there.
 ///
 /// # Errors
 /// If it cannot be written.
 pub fn write_summary(out: &Path, pipeline: &str, run: Option<&str>, summary: &Summary) -> Result<(), EngineError> {
-    let whole = !summary.interrupted && summary.failures.is_empty() && summary.elsewhere.is_empty();
-    let idle = whole && summary.nodes.iter().all(|node| node.ran == 0);
-    let before = idle.then(|| fs::read(out.join(SUMMARY)).ok()).flatten();
+    let idle = summary.is_whole() && summary.nodes.iter().all(|node| node.ran == 0);
+    let before = fs::read(out.join(SUMMARY)).ok();
     let before = before.and_then(|bytes| serde_json::from_slice::<Map<String, Value>>(&bytes).ok());
-    if let Some(mut before) = before {
+    let published =
+        |of: &Map<String, Value>| of.get("published").and_then(Value::as_u64).is_some_and(|files| files > 0);
+    if summary.published.is_empty() && before.as_ref().is_some_and(published) {
+        return Ok(());
+    }
+    if let Some(mut before) = before.filter(|_| idle) {
         if run.is_none() || before.get("run").and_then(Value::as_str) == run {
             return Ok(());
         }
@@ -172,6 +176,7 @@ pub fn write_summary(out: &Path, pipeline: &str, run: Option<&str>, summary: &Su
         "pipeline": pipeline,
         "elapsed_s": summary.elapsed.as_secs_f64(),
         "interrupted": summary.interrupted,
+        "published": summary.published.len(),
         "nodes": summary.nodes,
         "slowest": summary.slowest,
         "failures": summary.failures,

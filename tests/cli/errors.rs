@@ -60,6 +60,8 @@ fn an_item_that_is_not_there_is_2_and_names_the_nearest() {
         place.tauflow(&["run", "small.yaml"]).ends(0);
     }
     place.tauflow(&["run", "small.yaml", "--only", "scenes/L0-open-000000"]).ends(0);
+    let said = place.tauflow(&["run", "small.yaml", "--only", "split/L0-open-000000"]).ends(2);
+    assert!(said.err.contains("`split` works on whole collections and has no item `L0-open-000000`"), "{}", said.err);
 }
 
 #[test]
