@@ -97,7 +97,7 @@ pub(crate) fn made(at: &CacheAt) -> Result<Store, CliError> {
 
 pub(crate) fn cache(command: &CacheCommand, registry: &Registry, at: &CacheAt) -> Result<Exit, CliError> {
     match command {
-        CacheCommand::Stat if at.upstream.is_some() => return upstream::stat(at),
+        CacheCommand::Stat if at.upstream.as_ref().is_some_and(|to| !to.is_empty()) => return upstream::stat(at),
         CacheCommand::Stat => stat(&made(at)?)?,
         CacheCommand::Push(args) => return upstream::push(args, registry, at),
         CacheCommand::Pull => return upstream::pull(at),

@@ -81,7 +81,14 @@ fn find(args: &StatusArgs, cache: &CacheAt) -> Result<Found, CliError> {
     }
     let is_open = |record: &RunRecord| matches!(record.outcome, Outcome::Running | Outcome::Killed);
     let last = records.iter().rfind(|record| !is_open(record)).cloned();
-    let open = records.into_iter().filter(is_open).map(|record| {
+    // What a later run has done is of no interest.
+    let done_since = |record: &RunRecord| {
+        let later = records.iter().rev().take_while(|other| other.id != record.id);
+        let mut later = later.filter(|other| other.pipeline == record.pipeline);
+        record.outcome == Outcome::Killed && later.any(|other| other.outcome == Outcome::Done)
+    };
+    let open: Vec<RunRecord> = records.iter().filter(|of| is_open(of) && !done_since(of)).cloned().collect();
+    let open = open.into_iter().map(|record| {
         let state = runs::state(&cache.folder(), &record);
         Open { record, state }
     });

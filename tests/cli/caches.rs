@@ -274,6 +274,14 @@ fn users_of_one_group_run_on_one_cache_or_are_told_what_to_set() {
 }
 
 #[test]
+fn an_empty_upstream_is_none() {
+    let place = Place::new();
+    place.tauflow(&["run", "small.yaml"]).ends(0);
+    let said = place.tauflow(&["cache", "stat", "--upstream", ""]).ends(0);
+    assert!(said.out.contains(" blobs, "), "{}", said.out);
+}
+
+#[test]
 fn a_plan_counts_what_a_node_adds_and_not_what_it_passes_on() {
     let place = Place::new();
     place.tauflow(&["run", "small.yaml"]).ends(0);

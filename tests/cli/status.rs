@@ -109,6 +109,7 @@ fn a_run_is_seen_while_it_goes_on_after_it_was_killed_and_at_its_end() {
     place.tauflow(&["run", "small.yaml"]).ends(0);
     let ended = place.tauflow(&["status"]).ends(0);
     assert!(ended.out.contains("last run: ") && ended.out.contains(" of small: done after "), "{}", ended.out);
+    assert!(!ended.out.contains("was killed"), "what a later run has done is told no more: {}", ended.out);
     let states = fs::read_dir(place.path("store/runs")).expect("records");
     let live = states.filter(|entry| entry.as_ref().is_ok_and(|e| e.path().extension().is_some_and(|e| e == "live")));
     assert_eq!(live.count(), 1, "that of the run that was killed");
