@@ -421,7 +421,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, record: &RunReco
         errln!("{missing}");
     }
     if summary.interrupted {
-        errln!("stopped; to resume, run: {}", command(record, &[]));
+        errln!("stopped; to resume, run: {}", command(record, &[("--notify", true)]));
     }
     let page = summary.published.iter().find(|p| p.extension().is_some_and(|e| e == "html"));
     let folder = (!summary.published.is_empty()).then(|| args.out.join(&pipeline.name));

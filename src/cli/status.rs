@@ -84,7 +84,9 @@ fn find(args: &StatusArgs, cache: &CacheAt) -> Result<Found, CliError> {
     // What a later run has done is of no interest.
     let done_since = |record: &RunRecord| {
         let later = records.iter().rev().take_while(|other| other.id != record.id);
-        let mut later = later.filter(|other| other.pipeline == record.pipeline);
+        let only = |other: &RunRecord| other.command.iter().any(|word| word.starts_with("--only"));
+        let same = |other: &RunRecord| other.file == record.file && other.overrides == record.overrides;
+        let mut later = later.filter(|other| other.pipeline == record.pipeline && same(other) && !only(other));
         record.outcome == Outcome::Killed && later.any(|other| other.outcome == Outcome::Done)
     };
     let open: Vec<RunRecord> = records.iter().filter(|of| is_open(of) && !done_since(of)).cloned().collect();

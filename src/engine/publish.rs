@@ -151,7 +151,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), EngineError> {
 }
 
 /// Writes `run.json`: what the run did, by node, and the name of the run. A run that did nothing keeps the account of
-/// the run that did the work. One that published nothing keeps that of the run whose files are there.
+/// the run that did the work. One that published nothing, and did not fail, keeps that of the run whose files are
+/// there.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -161,7 +162,7 @@ pub fn write_summary(out: &Path, pipeline: &str, run: Option<&str>, summary: &Su
     let before = before.and_then(|bytes| serde_json::from_slice::<Map<String, Value>>(&bytes).ok());
     let published =
         |of: &Map<String, Value>| of.get("published").and_then(Value::as_u64).is_some_and(|files| files > 0);
-    if summary.published.is_empty() && before.as_ref().is_some_and(published) {
+    if summary.is_whole() && summary.published.is_empty() && before.as_ref().is_some_and(published) {
         return Ok(());
     }
     if let Some(mut before) = before.filter(|_| idle) {

@@ -200,7 +200,11 @@ impl<'a> Loader<'a> {
 
     fn profiles(&mut self, value: Yaml) {
         for (name, entries) in read::map(value, "profiles", self.problems) {
-            read::check_name(&name, "a profile", self.problems);
+            if name.text.is_empty() || name.text.starts_with('.') || name.text.contains(['/', '\\']) {
+                let message = format!("`{}` cannot name a profile", name.text);
+                let hint = "it is part of the name of a lock file: use no slash, and no dot at the start";
+                self.problem(Problem::at(name.span, message).hint(hint));
+            }
             let entries = read::map(entries, "a profile", self.problems);
             // An included file's entries come first, so that the including file overrides them.
             match self.file.profiles.iter_mut().find(|p| p.name.text == name.text) {

@@ -193,9 +193,12 @@ fn links_are_written_through_and_pipes_get_the_image() {
         let told = fs::read_to_string(place.path("err")).unwrap_or_default();
         assert!(bytes == plain, "{script}: {} bytes, {told}", bytes.len());
     }
-    for exposure in ["nan", "0", "-1", "inf", "1e-60", "1e38"] {
+    for exposure in ["nan", "0", "-1", "inf", "1e-60", "9e-7", "6e5", "1e38"] {
         let said = render(&place, &[&format!("--exposure={exposure}"), "-o", "x.exr"]).ends(2);
         assert!(said.err.contains("--exposure"), "{}", said.err);
+    }
+    for exposure in ["--exposure=1e-6", "--exposure=5e5"] {
+        render(&place, &[exposure, "-o", "x.exr"]).ends(0);
     }
     for (options, missing) in [(["--at-most", "5"], "--error"), (["--gbuffer-samples", "3"], "--gbuffer")] {
         let said = render(&place, &[&options[..], &["-o", "x.exr"]].concat()).ends(2);

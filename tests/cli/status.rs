@@ -106,6 +106,9 @@ fn a_run_is_seen_while_it_goes_on_after_it_was_killed_and_at_its_end() {
     assert!(record["elapsed_s"].as_f64().is_some_and(|seconds| seconds > 0.0), "{record}");
 
     place.write("go", "");
+    // A part does not make the whole good.
+    place.tauflow(&["run", "small.yaml", "--target", "first"]).ends(0);
+    assert!(place.tauflow(&["status"]).ends(0).out.contains("was killed"));
     place.tauflow(&["run", "small.yaml"]).ends(0);
     let ended = place.tauflow(&["status"]).ends(0);
     assert!(ended.out.contains("last run: ") && ended.out.contains(" of small: done after "), "{}", ended.out);

@@ -3,7 +3,13 @@
 
 use crate::support::root;
 use std::{fs, path::Path, process::Command};
+use tauflow::lock::Lock;
+use tauflow_cache::Digest;
+use tauflow_contract::{Artifact, Collection, ItemKey};
 use tauflow_testing::{Need, skip, slow};
+
+/// The media type of models.
+const MODEL: &str = "tauflow/model";
 
 /// The targets of the pipeline: the bundled models.
 const MODELS: [&str; 4] = ["fast_gbuffer", "fast_rgb", "best_gbuffer", "best_rgb"];
@@ -43,6 +49,21 @@ fn models_have_the_same_bits_each_time() {
         };
         assert!(model("1") == model("2") && model("1").len() < 4 << 20, "{node}");
     }
+}
+
+#[test]
+fn the_bundled_models_are_those_of_the_lock_file() {
+    let lock = Lock::read(&root().join("pipelines/denoiser.lock"), "denoiser").expect("a lock file");
+    let mut found = 0;
+    for name in MODELS {
+        let Some(locked) = lock.bitwise.get(&format!("{name}.rounded")) else { continue };
+        let bytes = fs::read(root().join(format!("models/{name}.safetensors"))).expect("a model");
+        let artifact = Artifact::blob(MODEL, Digest::of(&bytes));
+        let items = [(ItemKey::new("model").expect("a name"), artifact)];
+        assert_eq!(*locked, Collection { items: items.into() }.digest(), "{name}");
+        found += 1;
+    }
+    assert!(found >= 2, "of those that were made again");
 }
 
 #[test]

@@ -133,7 +133,7 @@ pub fn geometric_mean_luminance(image: &Image) -> f64 {
 }
 
 /// A bin is black below this share of the mean. Half precision makes tiny numbers of what should be 0.
-const BLACK: f64 = 1e-6;
+const BLACK: f64 = 1e-5;
 
 /// The same mean without black bins, and the share of black bins. A black background then has no part in it. An image
 /// without any light has the mean of all its bins.

@@ -59,7 +59,7 @@ impl Default for AdapterReportParams {
 const QUALITY: All<ImageQuality> = All::new("quality", "Scores, gains and verdicts.").single();
 const GENERATED: All<Generated> = All::new("generated", "The samples, for the images.").or_none();
 const PAGE: Out<Files> =
-    Out::new(Group::main(7), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
+    Out::new(Group::main(8), "report", "The page, and its figures as JSON, CSV and PNG.").single().published();
 
 impl Kind for AdapterReport {
     type Params = AdapterReportParams;

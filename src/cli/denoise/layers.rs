@@ -168,7 +168,7 @@ pub(super) fn camera_normals(
     camera: Option<[f32; 16]>,
 ) -> Result<(Image, Vec<String>), CliError> {
     let mut notes = Vec::new();
-    normals = mended_normals(normals, &mut notes).map_err(|error| CliError::Bad(error.to_string()))?;
+    normals = mended_normals(normals, &mut notes);
     if encoded(&normals) {
         // Nothing was hit where the stored value is 0, or where it stands for 0.
         for pixel in normals.data_mut().chunks_exact_mut(3) {

@@ -349,6 +349,9 @@ const BRIGHTEST: f32 = 1e6;
 /// How many times brighter than the brightest pixels but for a twentieth: if many are dark, the median is no measure.
 const BRIGHTER: f32 = 1e3;
 
+/// Pixels are nearly black below this share of the brightest but for a fiftieth.
+const DARK: f32 = 1e-6;
+
 /// Pixels that tell the brightness of all.
 const TOLD: usize = 1 << 16;
 
@@ -367,6 +370,9 @@ fn bound(image: &Image) -> f32 {
         return f32::MAX;
     }
     values.sort_unstable_by(f32::total_cmp);
+    // What is nearly black says nothing of the light: half precision makes tiny numbers of what should be 0.
+    let dark = values[(values.len() - 1) * 49 / 50] * DARK;
+    values.drain(..values.partition_point(|value| *value < dark));
     let (median, most) = (values[values.len() / 2], values[(values.len() - 1) * 19 / 20]);
     (median * BRIGHTEST).max(most * BRIGHTER).min(f32::MAX)
 }

@@ -80,7 +80,7 @@ impl Frame {
                 let values = gbuffer.data().chunks_exact(6).flat_map(|pixel| &pixel[first..first + 3]);
                 Image::from_data(gbuffer.width(), gbuffer.height(), 3, values.copied().collect()).expect("half of them")
             });
-            gbuffer = beside(&mended_albedo(albedo, &mut self.notes)?, &mended_normals(normal, &mut self.notes)?);
+            gbuffer = beside(&mended_albedo(albedo, &mut self.notes)?, &mended_normals(normal, &mut self.notes));
         }
         let pixels = || gbuffer.data().chunks_exact(6);
         odd_features(pixels().map(|pixel| &pixel[..3]), pixels().map(|pixel| &pixel[3..]), &mut self.notes);
@@ -97,7 +97,7 @@ impl Frame {
         shape(&albedo, "the albedo", 3, Some(&self.radiance))?;
         shape(&normal, "the normal", 3, Some(&self.radiance))?;
         let albedo = mended_albedo(albedo, &mut self.notes)?;
-        normal = mended_normals(normal, &mut self.notes)?;
+        normal = mended_normals(normal, &mut self.notes);
         odd_features(albedo.data().chunks_exact(3), normal.data().chunks_exact(3), &mut self.notes);
         close_black_background(&self.radiance, normal.data_mut(), 3);
         self.features = Some(Features::Apart(albedo, normal));
@@ -214,13 +214,35 @@ fn mended_albedo(albedo: Image, notes: &mut Vec<String>) -> Result<Image, KindEr
     mended(albedo, "the albedo", notes)
 }
 
-/// Normals of which those that are not finite are replaced by the mean of the nearest others, which `notes` say: as in
-/// a [`Frame`], for those who convert normals before.
-///
-/// # Errors
-/// If none is finite.
-pub fn mended_normals(normal: Image, notes: &mut Vec<String>) -> Result<Image, KindError> {
-    mended(normal, "the normals", notes)
+/// Normals of which those that are not finite are replaced, which `notes` say: as in a [`Frame`], for those who convert
+/// normals before. Single ones become the mean of those around them. Where most around them are not finite, either,
+/// nothing was hit: some renderers normalise normals of length 0.
+pub fn mended_normals(mut normal: Image, notes: &mut Vec<String>) -> Image {
+    let (width, height) = (normal.width(), normal.height());
+    let finite: Vec<bool> = normal.data().chunks_exact(3).map(|pixel| pixel.iter().all(|v| v.is_finite())).collect();
+    let mut replaced = Vec::new();
+    for at in (0..finite.len()).filter(|at| !finite[*at]) {
+        let (x, y) = (at % width, at / width);
+        let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
+        let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
+        let around: Vec<usize> =
+            rows.flat_map(|y| columns.clone().map(move |x| y * width + x)).filter(|other| *other != at).collect();
+        let whole: Vec<usize> = around.iter().copied().filter(|other| finite[*other]).collect();
+        let mean = |c: usize| whole.iter().map(|other| normal.data()[3 * other + c]).sum::<f32>() / whole.len() as f32;
+        replaced.push((at, if 2 * whole.len() > around.len() { [0, 1, 2].map(mean) } else { [0.0; 3] }));
+    }
+    if !replaced.is_empty() {
+        notes.push(format!(
+            "{} of {} pixels of the normals are not finite; single ones are replaced by the mean of those around them, \
+             and others count as no surface",
+            replaced.len(),
+            finite.len()
+        ));
+    }
+    for (at, value) in replaced {
+        normal.data_mut()[3 * at..3 * at + 3].copy_from_slice(&value);
+    }
+    normal
 }
 
 /// The image with pixels that are not finite replaced by the mean of the nearest finite ones.
@@ -331,6 +353,21 @@ mod tests {
         assert_eq!(apart, together);
         assert_eq!(apart.pixel(0, 0), [0.5, 0.5, 0.5, 1.0, 0.0, 0.0]);
         assert_eq!(apart.pixel(3, 2), [0.5, 0.25, 0.5, 0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn regions_without_finite_normals_are_no_surface() {
+        // Two rows of three have none; a single pixel of the others has none.
+        let mut normal = image(3, 0.0);
+        normal.data_mut().iter_mut().skip(2).step_by(3).for_each(|value| *value = 1.0);
+        (0..8).for_each(|at| normal.pixel_mut(at % 4, at / 4)[0] = f32::NAN);
+        let mut notes = Vec::new();
+        let mended = mended_normals(normal.clone(), &mut notes);
+        assert!((0..4).all(|x| mended.pixel(x, 0) == [0.0; 3] && mended.pixel(x, 2) == [0.0, 0.0, 1.0]));
+        assert!(notes[0].starts_with("8 of 12 pixels of the normals"), "{notes:?}");
+        let none = Frame::new(image(3, 1.0)).expect("finite");
+        let none = none.with_features(image(3, 0.5), image(3, f32::NAN)).expect("no surface anywhere");
+        assert!(none.features().expect("given").whole().data().chunks_exact(6).all(|pixel| pixel[3..] == [0.0; 3]));
     }
 
     #[test]

@@ -215,10 +215,15 @@ impl TrainingParams {
                 format!("a crop of {} pixels is below the minimum of `{}`, {least}", self.crop, self.preset.name());
             problems.push(ParamProblem::new("/crop", message, format!("use {least} or more")));
         }
-        if self.crop < self.loss.least_side() {
-            let least = self.loss.least_side();
-            let message = format!("a crop of {} pixels is below the window of `loss: structural`, {least}", self.crop);
-            problems.push(ParamProblem::new("/crop", message, format!("use {} or more", least.next_multiple_of(8))));
+        let window = self.loss.least_side().next_multiple_of(least);
+        if (least..window).contains(&self.crop) {
+            let message = format!(
+                "a crop of {} pixels is too small for the window of `loss: structural` and the network `{}`, which \
+                 need {window}",
+                self.crop,
+                self.preset.name()
+            );
+            problems.push(ParamProblem::new("/crop", message, format!("use {window} or more")));
         }
         if self.rung_exponent != 0.0 && self.parameterization == Parameterization::VanillaRf {
             problems.push(ParamProblem::new(
@@ -321,8 +326,14 @@ mod tests {
         assert!(of(Parameterization::McNoise).is_empty());
         assert_eq!(of(Parameterization::LocalVelocity)[0].pointer, "/loss");
         assert_eq!(TrainingParams { space: Space::Linear, ..tonal.clone() }.problems()[0].pointer, "/loss");
-        let small = TrainingParams { loss: Loss::Structural, crop: 8, ..tonal.clone() };
-        assert!(small.problems()[0].pointer == "/crop" && small.problems()[0].message.contains("11"));
+        for crop in [8, 12, 15] {
+            let small = TrainingParams { loss: Loss::Structural, crop, ..tonal.clone() };
+            assert!(
+                small.problems()[0].pointer == "/crop" && small.problems()[0].message.contains("need 16"),
+                "{crop}"
+            );
+        }
+        assert!(TrainingParams { loss: Loss::Structural, crop: 16, ..tonal.clone() }.problems().is_empty());
         let shown = TrainingParams { loss: Loss::Preview, ..tonal };
         assert!(shown.problems().is_empty());
         assert_eq!(TrainingParams { space: Space::Linear, ..shown }.problems()[0].pointer, "/loss");
