@@ -31,7 +31,8 @@ h1{font-size:1.5rem;margin:.2rem 0}h2{font-size:1.1rem;margin:1.6rem 0 .5rem}
 .failed,.error,.killed{background:#fdeaea;color:#9b2c2c}.interrupted{background:#eee;color:#333}
 .facts{color:#51647a;font-size:.85rem;overflow-wrap:anywhere}
 .wide{overflow-x:auto;border:1px solid #dde3ea;border-radius:.4rem;padding:.4rem}
-table{border-collapse:collapse;font-size:.9rem}td,th{padding:.15rem .6rem;text-align:right;white-space:nowrap}
+.graph svg{max-width:100%;height:auto;display:block;margin:auto}#full:checked~.graph svg{max-width:none}
+label{color:#51647a;font-size:.85rem}table{border-collapse:collapse;font-size:.9rem}td,th{padding:.15rem .6rem;text-align:right;white-space:nowrap}
 td:first-child,th:first-child{text-align:left}th{color:#51647a;font-weight:500}
 td.text{text-align:left}.bar{display:block;width:8rem;height:.5rem;background:#e6eaf0;border-radius:.25rem}
 .bar i{display:block;height:100%;border-radius:.25rem;background:#2f855a}
@@ -41,6 +42,9 @@ details,p{overflow-wrap:anywhere}.timeline{min-width:40rem;width:100%;height:aut
 .key i{display:inline-block;width:.8rem;height:.8rem;border-radius:.15rem;margin-right:.3rem;vertical-align:-1px}
 @media(max-width:40rem){.bar{width:2.5rem}td,th{padding:.15rem .35rem}}
 ";
+
+/// Shows the graph in full size, which a large one does not have at first.
+const FULL: &str = "<input type=\"checkbox\" id=\"full\"> <label for=\"full\">full size</label>\n";
 
 /// Says that the run is silent if the page is old, which only the browser can know.
 const SCRIPT: &str = "\
@@ -115,7 +119,7 @@ impl Page {
         self.nodes(&mut out, shown);
         self.timeline(&mut out, shown);
         let notes = state.nodes.iter().map(|node| (node.node.clone(), note(node, going))).collect();
-        let _ = writeln!(out, "<h2>Graph</h2>\n<div class=\"wide\">{}</div>", self.chart.svg(&notes));
+        let _ = writeln!(out, "<h2>Graph</h2>\n{FULL}<div class=\"wide graph\">{}</div>", self.chart.svg(&notes));
         if going {
             let _ = writeln!(out, "<script>{SCRIPT}</script>");
         }
