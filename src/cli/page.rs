@@ -32,7 +32,8 @@ h1{font-size:1.5rem;margin:.2rem 0}h2{font-size:1.1rem;margin:1.6rem 0 .5rem}
 .facts{color:#51647a;font-size:.85rem;overflow-wrap:anywhere}
 .wide{overflow-x:auto;border:1px solid #dde3ea;border-radius:.4rem;padding:.4rem}
 .graph svg{max-width:100%;height:auto;display:block;margin:auto}#full:checked~.graph svg{max-width:none}
-label{color:#51647a;font-size:.85rem}table{border-collapse:collapse;font-size:.9rem}td,th{padding:.15rem .6rem;text-align:right;white-space:nowrap}
+label{color:#51647a;font-size:.85rem}
+table{border-collapse:collapse;font-size:.9rem}td,th{padding:.15rem .6rem;text-align:right;white-space:nowrap}
 td:first-child,th:first-child{text-align:left}th{color:#51647a;font-weight:500}
 td.text{text-align:left}.bar{display:block;width:8rem;height:.5rem;background:#e6eaf0;border-radius:.25rem}
 .bar i{display:block;height:100%;border-radius:.25rem;background:#2f855a}
