@@ -65,11 +65,13 @@ pub struct Nearest {
 #[derive(Default)]
 pub struct History {
     keys: Vec<(Record, Value)>,
-    /// The latest action for each key without one of its fields: what differs in one field alone is found at once,
-    /// however many actions there are.
-    but_one: HashMap<Key, usize>,
+    /// The latest actions for each key without one of its fields, the latest first: what differs in one field alone is
+    /// found at once, however many actions there are.
+    but_one: HashMap<Key, [Option<u32>; ALIKE]>,
 }
 
+/// Actions that are kept for each key without one of its fields: nodes of one kind may differ in that field.
+const ALIKE: usize = 4;
 /// Earlier actions that are looked at where more than one field differs.
 const LOOKED_AT: usize = 256;
 /// Bytes of the longest key that is read; those of actions have a few thousand.
@@ -114,21 +116,28 @@ impl History {
             store.keys_by_label(ACTION, kind).into_iter().rev().filter_map(read).take_while(fits).collect();
         // Oldest first, so that the latest stays.
         keys.reverse();
-        let but_one =
-            keys.iter().enumerate().flat_map(|(n, (_, key))| but_one(key).into_iter().map(move |k| (k, n))).collect();
-        Self { keys, but_one }
+        let mut found: HashMap<Key, [Option<u32>; ALIKE]> = HashMap::new();
+        for (n, (_, key)) in keys.iter().enumerate() {
+            for key in but_one(key) {
+                let latest = found.entry(key).or_default();
+                latest.rotate_right(1);
+                latest[0] = u32::try_from(n).ok();
+            }
+        }
+        Self { keys, but_one: found }
     }
 
-    /// The earlier key of the same group that differs least; the latest of those that differ equally. Where the nearest
-    /// differ in several fields, it is sought among the latest.
+    /// The earlier key of the same group that differs least: in the fewest fields, then in the values of these, and the
+    /// latest of those that differ equally. Where the nearest differ in several fields, it is sought among the latest.
     pub fn nearest(&self, key: &ActionKey) -> Option<Nearest> {
         let now = serde_json::to_value(key).expect("a key holds only plain values");
-        let exact = but_one(&now).iter().filter_map(|key| self.but_one.get(key)).copied().collect::<Vec<_>>();
+        let exact = but_one(&now).into_iter().filter_map(|key| self.but_one.get(&key)).flatten().flatten();
+        let exact: BTreeSet<u32> = exact.copied().collect();
         // A key that differs in one field has no nearer; else the latest ones may differ less than any that was found.
         let more = if exact.is_empty() { LOOKED_AT } else { 0 };
         let latest = self.keys.iter().rev().filter(|(_, before)| before["group"] == now["group"]).take(more);
-        let candidates = exact.into_iter().map(|n| &self.keys[n]).chain(latest);
-        let (_, _, record, differences) = candidates
+        let candidates = exact.into_iter().map(|n| &self.keys[n as usize]).chain(latest);
+        let (_, record, differences) = candidates
             .filter(|(_, before)| before["group"] == now["group"])
             .map(|(record, before)| {
                 let mut found = Vec::new();
@@ -138,11 +147,22 @@ impl History {
                 }
                 // A change of the seed says that it is another item: everything else is nearer.
                 let far = found.iter().filter(|d| d.field == "/seed").count();
-                (far * 1000 + found.len(), std::cmp::Reverse(record.when), record, found)
+                let apart: usize = found.iter().map(apart).sum();
+                ((far * 1000 + found.len(), apart, std::cmp::Reverse(record.when)), record, found)
             })
-            .min_by_key(|(count, when, ..)| (*count, *when))?;
+            .min_by_key(|(order, ..)| *order)?;
         Some(Nearest { record: record.clone(), differences })
     }
+}
+
+/// How far two values are apart, as texts: what is left without a common start and end.
+fn apart(difference: &Difference) -> usize {
+    let text = |value: &Option<Value>| value.as_ref().map(Value::to_string).unwrap_or_default();
+    let (before, now) = (text(&difference.before), text(&difference.now));
+    let least = before.len().min(now.len());
+    let start = before.bytes().zip(now.bytes()).take_while(|(a, b)| a == b).count();
+    let end = before.bytes().rev().zip(now.bytes().rev()).take(least - start).take_while(|(a, b)| a == b).count();
+    before.len().max(now.len()) - start - end
 }
 
 /// Whether a key says what its program looked at. Before the program has run, nothing is known of that, and an earlier
@@ -272,6 +292,18 @@ pub(super) fn differences(at: &str, before: &Value, now: &Value, found: &mut Vec
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn values_are_as_far_apart_as_what_they_do_not_share() {
+        let of = |before: Value, now: Value| {
+            apart(&Difference { field: "/params/rungs".into(), before: Some(before), now: Some(now) })
+        };
+        // The ladder of another node, and that of this one before it became longer.
+        let [other, own] = [json!([1, 2, 3, 4]), json!([1, 2, 4, 8, 16])];
+        let now = json!([1, 2, 4, 8, 16, 32]);
+        assert!(of(own.clone(), now.clone()) < of(other, now.clone()) && of(now.clone(), now) == 0);
+        assert_eq!((of(json!(11), json!(111)), of(json!(0.5), json!(0.7))), (1, 1));
+    }
 
     #[test]
     fn differences_name_the_fields() {
