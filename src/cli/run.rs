@@ -389,8 +389,7 @@ fn tell(summary: &Summary, pipeline: &Pipeline, args: &RunArgs, record: &RunReco
     let ran = summary.total(|n| n.ran);
     let hit = summary.total(|n| n.hit);
     let elapsed = seconds_text(summary.elapsed.as_secs_f64());
-    let whole = summary.failures.is_empty() && summary.elsewhere.is_empty() && !summary.interrupted;
-    if ran == 0 && whole {
+    if ran == 0 && summary.is_whole() {
         errln!("nothing to do: {} up to date ({elapsed})", counted(hit, "result"));
     } else {
         err!("{}", table(&rows(summary)));

@@ -81,7 +81,7 @@ fn find(args: &StatusArgs, cache: &CacheAt) -> Result<Found, CliError> {
     }
     let is_open = |record: &RunRecord| matches!(record.outcome, Outcome::Running | Outcome::Killed);
     let last = records.iter().rfind(|record| !is_open(record)).cloned();
-    // What a later run has done is of no interest.
+    // A killed run is not shown if a later run has done the same.
     let done_since = |record: &RunRecord| {
         let later = records.iter().rev().take_while(|other| other.id != record.id);
         let only = |other: &RunRecord| other.command.iter().any(|word| word.starts_with("--only"));

@@ -311,7 +311,8 @@ impl Executing<'_> {
         // Blobs that come from the inputs, such as those of the scenes of a split, are not of this action.
         let mut known: BTreeSet<Digest> =
             action.each.iter().flat_map(|(_, of)| of.artifact.parts.values()).copied().collect();
-        for (_, sharded) in action.whole.iter() {
+        // Only of the action of a whole node: with one for each item, this would take the square of the items.
+        for (_, sharded) in action.whole.iter().filter(|_| action.item.is_none()) {
             known.extend(sharded.blobs(store)?.0);
         }
         let mut new = |artifact: &Artifact| {

@@ -232,7 +232,7 @@ struct Colours {
 }
 
 impl Colours {
-    /// Of the channels of one layer by letter; of another letter than R, G and B only in a layer with a name.
+    /// From the channels of one layer, by letter. A layer without a name needs R, G and B; others may have X, Y and Z.
     fn of(channels: &BTreeMap<char, Place>, named: bool) -> Option<Self> {
         let all = |letters: [char; 3]| {
             let [a, b, c] = letters.map(|letter| channels.get(&letter).copied());
@@ -527,6 +527,23 @@ mod tests {
         write(&[("r", &["x.R"], 1.0), ("g", &["x.G", "x.R"], 2.0), ("b", &["x.B"], 3.0)]);
         let told = read_exr(&path).expect_err("two channels R").to_string();
         assert!(told.contains("the channel R of the layer `x` is in several parts"), "{told}");
+    }
+
+    #[test]
+    fn tiles_at_the_edges_of_a_picture_are_whole() {
+        for (width, height) in [(50, 30), (16, 16), (1, 1), (17, 33)] {
+            let channel = |name: &&str| AnyChannel::new(*name, FlatSamples::F32(vec![1.5; width * height]));
+            let layer = Layer::new(
+                Vec2(width, height),
+                LayerAttributes::default(),
+                Encoding { blocks: Blocks::Tiles(Vec2(16, 16)), ..Encoding::SMALL_LOSSLESS },
+                AnyChannels::sort(["R", "G", "B"].iter().map(channel).collect()),
+            );
+            let mut bytes = Cursor::new(Vec::new());
+            exr::image::Image::from_layer(layer).write().to_buffered(&mut bytes).expect("memory");
+            let read = parse_exr("x", &bytes.into_inner()).expect("whole");
+            assert!(read[""].data().iter().all(|value| *value == 1.5), "{width} x {height}");
+        }
     }
 
     #[test]

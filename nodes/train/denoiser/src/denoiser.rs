@@ -370,7 +370,7 @@ fn bound(image: &Image) -> f32 {
         return f32::MAX;
     }
     values.sort_unstable_by(f32::total_cmp);
-    // What is nearly black says nothing of the light: half precision makes tiny numbers of what should be 0.
+    // Nearly black pixels do not count: half precision stores tiny numbers in place of 0.
     let dark = values[(values.len() - 1) * 49 / 50] * DARK;
     values.drain(..values.partition_point(|value| *value < dark));
     let (median, most) = (values[values.len() / 2], values[(values.len() - 1) * 19 / 20]);

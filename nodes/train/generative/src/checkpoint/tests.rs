@@ -173,7 +173,7 @@ fn what_a_small_file_names_many_times_takes_no_memory() {
     assert!(told.contains("which the archive lacks") && told.len() < 2000, "{told:.2000}");
     let told = refused(&of(&[&text(&long), &text("f"), b"\x93."]));
     assert!(told.contains("longer than 200 bytes"), "{told:.2000}");
-    // Of many functions, the first are named.
+    // The error names the first of many functions.
     let many: String = (0..30).map(|i| format!("cevil\nf{i}\n0")).collect();
     let told = refused(&of(&[many.as_bytes(), b"u."]));
     assert!(told.contains("would run `evil.f19`") && told.contains("would run 10 more"), "{told}");
